@@ -1,0 +1,289 @@
+"""Every hyper-parameter once, with the paper's symbol, and the presets that set them.
+
+Symbols and sections are those of Zhang (2019), "Generalized Skill Learning, Safety, and
+Exploration with Flow-Based Models". Deviations from the paper carry their number in
+`docs/algorithm.md`, in the form [D3].
+"""
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+
+from everystate.errors import EverystateError, suggest
+
+FlowFamily = Literal["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
+
+
+@dataclass(frozen=True)
+class Config:
+    """What one training run is: the body, the seed, and every number of the algorithm."""
+
+    body: str = "ramp-pointmass"
+    """Body to learn: a built-in name."""
+    seed: int = 0
+    """Seed of everything random in the run."""
+
+    # --- Goals (4.1) ---
+    m: int = 20
+    """m: goals decoded from f per choice, of which the least likely is kept."""
+
+    # --- Reward (4.2) ---
+    k: float = 100.0
+    """k: shaping of the reward -1 + exp(-k |dz|^2)."""
+    reward_space: Literal["latent", "state"] = "latent"
+    """Where |dz| is taken: latent space of f (paper) or scaled states, which stay put [D9]."""
+
+    # --- Safe improvement (4.3, Algorithm 1) ---
+    j: int = 1
+    """j: policy samples, and as many random actions, per candidate set."""
+    N: int = 20
+    """N: dynamics rollouts per candidate, sharing their noise."""
+    pessimism: Literal["percentile", "mean"] = "percentile"
+    """How N returns become one score: a percentile (paper: the 0th, the min) or the mean."""
+    percentile: float = 0.0
+    """Which percentile of the N returns; 0 is the min, 100 the max."""
+    gradient_step: float = 1.0
+    """Length factor of the candidates' step along the gradient of r + V_targ."""
+    max_gradient_step: float = math.inf
+    """Longest such step per action component, in units of action [D12]."""
+    sensor_noise: float = 0.0
+    """Sd of noise added to imagined next states, in scaled units (4.3)."""
+    hindsight: bool = True
+    """Also fit pi(a|s,g) to transitions, with g a state reached later (2.3)."""
+    hindsight_steps: int = 1
+    """Hindsight goals lie 1 to this many steps ahead; 1 is g = s'."""
+
+    # --- Curriculum (Appendix A) ---
+    p_curric: float = 0.8
+    """p_curric: prior probability that a state comes from c(s|g)."""
+    normalise_curriculum: bool = True
+    """Weights l exp(v) sum to one per minibatch, each share limited [D5]."""
+    curriculum_share: float = 0.05
+    """Largest share one example may have of a normalised minibatch [D5]."""
+
+    # --- Replay (Appendix A) ---
+    capacity: int = 100_000
+    """Items per replay ring."""
+    batch_size: int = 1000
+    """mb_size: items drawn per update from each buffer."""
+    half_life: float = 20.0
+    """h: epochs in which a state's weight halves."""
+    weight_temper: float = 1.0
+    """Exponent of the 1/p_f weights; below 1 flattens them [D1]."""
+    weight_clip: float = math.inf
+    """Log-weights are clipped to this many nats around the buffer's median [D1]."""
+
+    # --- Value (4.3) ---
+    bound_value: bool = True
+    """V = -softplus, and targets clipped to [-(copies + 1), 0] [D4]."""
+    absorb_goal: bool = False
+    """Reaching ends the count: r + (1 - exp(-k |dz|^2)) V_targ instead of r + V_targ [D10]."""
+    goal_value_weight: float = 1.0
+    """Weight of V(g,g)^2 beside (V - v_targ)^2."""
+
+    # --- Collection (Algorithm 1, Appendix B) ---
+    num_bodies: int = 50
+    """Bodies stepped in parallel."""
+    steps_per_epoch: int = 50
+    """Control steps of every body per epoch."""
+    warmup_steps: int = 50
+    """Control steps of uniformly random actions before the first epoch."""
+    patience: int = 1
+    """An episode ends when V(s,g) has not risen for this many steps; 1 is the paper's rule [D2]."""
+    max_episode_steps: int = 200
+    """Cap on an episode's length."""
+
+    # --- Learning (Appendix B) ---
+    num_updates: int = 100
+    """n_updates: updates per epoch."""
+    target_period: int = 100
+    """Updates per copy of V to V_targ; n_updates is the paper's one copy per episode [D8]."""
+    learning_rate: float = 1e-3
+    """Adam's step size."""
+    gradient_clip: float = math.inf
+    """Largest gradient norm, for each model on its own [D6]."""
+    epochs: int = 100
+    """Epochs of the run."""
+
+    # --- Networks and flows (Appendix B, B.1) ---
+    depth: int = 4
+    """Hidden layers of every MLP."""
+    width: int = 200
+    """Units per hidden layer."""
+    flow: FlowFamily = "pldu"
+    """Family of the four flows: the paper's, or one of FlowJAX's."""
+    state_layers: int = 20
+    """n of f(s)."""
+    dynamics_layers: int = 2
+    """n of d(s'|s,a)."""
+    policy_layers: int = 2
+    """n of pi(a|s,g)."""
+    curriculum_layers: int = 20
+    """n of c(s|g)."""
+    flow_shift: bool = False
+    """A learned shift per PLDU layer, which the paper's flow lacks [D7]."""
+
+    # --- Noise floors of the likelihoods [D3] ---
+    state_noise: float = 0.03
+    """Sd added to states when f and c are fitted, in scaled units."""
+    dynamics_noise: float = 0.03
+    """Sd added to s' - s when d is fitted, in units of its own sd."""
+    action_noise: float = 0.1
+    """Sd added to actions when pi is fitted, in units of action."""
+
+    # --- The run ---
+    checkpoint_period: int = 10
+    """Epochs between checkpoints."""
+    evaluation_period: int = 0
+    """Epochs between evaluations on the body's goal suite during training; 0 is never."""
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in _RANGES.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise EverystateError(
+                    f"{name} = {value} is out of range: it must lie in [{low:g}, {high:g}]"
+                )
+        if self.num_updates % self.target_period:
+            raise EverystateError(
+                f"target_period = {self.target_period} does not divide num_updates = "
+                f"{self.num_updates}: choose a divisor, so that every epoch copies V alike"
+            )
+        ring = self.num_bodies * max(self.steps_per_epoch, self.warmup_steps)
+        if self.capacity % self.num_bodies or self.capacity < 2 * ring:
+            raise EverystateError(
+                f"capacity = {self.capacity} must be a multiple of num_bodies = {self.num_bodies} "
+                f"and hold at least two collection phases ({2 * ring} items): raise capacity"
+            )
+
+
+_RANGES: dict[str, tuple[float, float]] = {
+    "seed": (0, 2**31 - 1),
+    "m": (1, 10_000),
+    "k": (1e-6, 1e6),
+    "j": (1, 1_000),
+    "N": (1, 10_000),
+    "percentile": (0, 100),
+    "gradient_step": (0, 1e3),
+    "max_gradient_step": (0, math.inf),
+    "sensor_noise": (0, 10),
+    "hindsight_steps": (1, 10_000),
+    "p_curric": (0, 1),
+    "curriculum_share": (1e-6, 1),
+    "capacity": (2, 100_000_000),
+    "batch_size": (2, 1_000_000),
+    "half_life": (1e-3, 1e9),
+    "weight_temper": (0, 1),
+    "weight_clip": (0, math.inf),
+    "goal_value_weight": (0, 1e3),
+    "num_bodies": (1, 100_000),
+    "steps_per_epoch": (1, 100_000),
+    "warmup_steps": (1, 100_000),
+    "patience": (1, 100_000),
+    "max_episode_steps": (1, 1_000_000),
+    "num_updates": (1, 1_000_000),
+    "target_period": (1, 1_000_000),
+    "learning_rate": (0, 1),
+    "gradient_clip": (0, math.inf),
+    "epochs": (1, 10_000_000),
+    "depth": (1, 32),
+    "width": (1, 16_384),
+    "state_layers": (1, 200),
+    "dynamics_layers": (1, 200),
+    "policy_layers": (1, 200),
+    "curriculum_layers": (1, 200),
+    "state_noise": (0, 10),
+    "dynamics_noise": (0, 10),
+    "action_noise": (0, 10),
+    "checkpoint_period": (1, 10_000_000),
+    "evaluation_period": (0, 10_000_000),
+}
+
+# Appendix B varies only k and h between bodies.
+_PAPER_BODIES: dict[str, dict[str, float]] = {
+    "ramp-pointmass": {"k": 100.0, "half_life": 20.0},
+    "cartpole": {"k": 10.0, "half_life": 20.0},
+    "ant": {"k": 10.0, "half_life": 50.0},
+}
+
+_STABILISERS_OFF = {
+    "weight_temper": 1.0,
+    "weight_clip": math.inf,
+    "patience": 1,
+    "state_noise": 0.0,
+    "dynamics_noise": 0.0,
+    "action_noise": 0.0,
+    "bound_value": False,
+    "normalise_curriculum": False,
+    "gradient_clip": math.inf,
+    "max_gradient_step": math.inf,
+}
+
+_PAPER = {
+    "capacity": 1_000_000,
+    "weight_temper": 0.5,
+    "weight_clip": 8.0,
+    "patience": 20,
+    "gradient_clip": 10.0,
+    "max_gradient_step": 1.0,
+}
+
+_QUICK = {
+    **_PAPER,
+    "capacity": 100_000,
+    "batch_size": 256,
+    "N": 8,
+    "width": 128,
+    "depth": 3,
+    "state_layers": 6,
+    "curriculum_layers": 6,
+    "flow_shift": True,
+    "target_period": 20,
+    "absorb_goal": True,
+}
+
+_TEST = {
+    **_QUICK,
+    "capacity": 4_000,
+    "batch_size": 32,
+    "N": 4,
+    "width": 16,
+    "depth": 2,
+    "state_layers": 3,
+    "curriculum_layers": 3,
+    "num_bodies": 10,
+    "steps_per_epoch": 10,
+    "warmup_steps": 20,
+    "num_updates": 10,
+    "target_period": 5,
+    "patience": 5,
+    "epochs": 3,
+    "checkpoint_period": 1,
+}
+
+_PRESETS: dict[str, dict] = {
+    "quick": _QUICK,
+    "paper": _PAPER,
+    "literal": {**_PAPER, **_STABILISERS_OFF},
+    "test": _TEST,
+}
+PRESETS: tuple[str, ...] = tuple(_PRESETS)
+
+
+def preset(name: str, body: str = "ramp-pointmass", **overrides: object) -> Config:
+    """The named preset for a body, with single fields replaced.
+
+    `quick` is tuned for two cores, `paper` has every number of Appendix B with the stabilisers
+    of `docs/algorithm.md` on, `literal` has them off, `test` runs in seconds.
+
+    Raises:
+        EverystateError: unknown preset or field, or a value out of range.
+    """
+    if name not in _PRESETS:
+        raise EverystateError(f"unknown preset {name!r}: {suggest(name, _PRESETS)}")
+    known = {field.name for field in fields(Config)}
+    for field in overrides:
+        if field not in known:
+            raise EverystateError(f"unknown field {field!r}: {suggest(field, known)}")
+    values = {**_PAPER_BODIES.get(body, {"k": 10.0}), **_PRESETS[name], "body": body, **overrides}
+    return replace(Config(), **values)

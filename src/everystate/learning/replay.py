@@ -1,0 +1,116 @@
+"""Weighted replay (Appendix A): one ring of transitions under three weightings.
+
+Every s' enters the state, the goal and the transition buffer of Algorithm 1 at the same moment,
+so one ring holds the items and three vectors hold the weights, as logs: in float32 the linear
+weights 1/p_f underflow.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+
+class Transitions(NamedTuple):
+    """Transitions (s, a, s') in scaled units, with any leading axes."""
+
+    observations: Float[Array, "*batch s"]
+    actions: Float[Array, "*batch a"]
+    next_observations: Float[Array, "*batch s"]
+
+
+class Replay(eqx.Module):
+    """The ring. Slots not yet filled have log-weight -inf."""
+
+    transitions: Transitions
+    state_log_weights: Float[Array, " capacity"]
+    goal_log_weights: Float[Array, " capacity"]
+    transition_log_weights: Float[Array, " capacity"]
+    position: Int[Array, ""]
+    size: Int[Array, ""]
+
+    @property
+    def capacity(self) -> int:
+        """Number of slots."""
+        return self.state_log_weights.shape[0]
+
+
+def empty(capacity: int, state_size: int, action_size: int) -> Replay:
+    """A ring without items."""
+    nothing = jnp.full(capacity, -jnp.inf)
+    states = jnp.zeros((capacity, state_size))
+    transitions = Transitions(states, jnp.zeros((capacity, action_size)), jnp.zeros_like(states))
+    zero = jnp.zeros((), jnp.int32)
+    return Replay(transitions, nothing, nothing.copy(), nothing.copy(), zero, zero.copy())
+
+
+def add(
+    replay: Replay,
+    transitions: Transitions,
+    goal_log_weights: Float[Array, " n"],
+    transition_log_weights: Float[Array, " n"],
+) -> Replay:
+    """Writes n transitions over the oldest, their s' with weight 1 as states (Algorithm 1)."""
+    count = goal_log_weights.shape[0]
+    slots = (replay.position + jnp.arange(count, dtype=jnp.int32)) % replay.capacity
+    return Replay(
+        jax.tree.map(lambda ring, new: ring.at[slots].set(new), replay.transitions, transitions),
+        replay.state_log_weights.at[slots].set(0.0),
+        replay.goal_log_weights.at[slots].set(goal_log_weights),
+        replay.transition_log_weights.at[slots].set(transition_log_weights),
+        (replay.position + count) % replay.capacity,
+        jnp.minimum(replay.size + count, replay.capacity),
+    )
+
+
+def decay_states(replay: Replay, half_life: float) -> Replay:
+    """Downweights all states by 0.5^(1/h), once per epoch (Algorithm 1)."""
+    decayed = replay.state_log_weights - jnp.log(2.0) / half_life
+    return eqx.tree_at(lambda r: r.state_log_weights, replay, decayed)
+
+
+def median(log_weights: Float[Array, " capacity"]) -> Float[Array, ""]:
+    """Median of the filled slots' log-weights."""
+    filled = jnp.isfinite(log_weights)
+    ordered = jnp.sort(jnp.where(filled, log_weights, jnp.inf))
+    return ordered[jnp.maximum(filled.sum() - 1, 0) // 2]
+
+
+def temper(
+    log_weights: Float[Array, " capacity"], centre: Float[Array, ""], *, power: float, clip: float
+) -> Float[Array, " capacity"]:
+    """Log-weights to the given power, held within `clip` nats of `centre` [D1]."""
+    tempered = jnp.clip(power * (log_weights - centre), -clip, clip)
+    return jnp.where(jnp.isneginf(log_weights), -jnp.inf, tempered)
+
+
+def draw(
+    log_weights: Float[Array, " capacity"], count: int, *, key: PRNGKeyArray
+) -> Int[Array, " count"]:
+    """Slots drawn with replacement, with probability proportional to exp(log_weights).
+
+    Two levels, blocks and then slots within a block, so that no prefix sum runs over the ring.
+    """
+    capacity = log_weights.shape[0]
+    width = max(1, round(capacity**0.5))
+    padded = jnp.pad(log_weights, (0, -capacity % width), constant_values=-jnp.inf)
+    weights = jnp.exp(padded - jnp.max(padded)).reshape(-1, width)
+    block_sums = weights.sum(axis=1)
+    block_ends = jnp.cumsum(block_sums)
+    points = jax.random.uniform(key, (count,)) * block_ends[-1]
+    # Rounding must not carry a point past the end, nor past the last slot with any weight.
+    blocks = jnp.searchsorted(block_ends, points, side="right")
+    blocks = jnp.minimum(blocks, jnp.searchsorted(block_ends, block_ends[-1], side="left"))
+    slot_ends = jnp.cumsum(weights[blocks], axis=1)
+    rest = points - (block_ends[blocks] - block_sums[blocks])
+    rest = jnp.clip(rest, 0.0, slot_ends[:, -1] * (1 - 1e-6))
+    slots = (slot_ends <= rest[:, None]).sum(axis=1)
+    return (blocks * width + slots).astype(jnp.int32)
+
+
+def effective_sample_size(log_weights: Float[Array, " capacity"]) -> Float[Array, ""]:
+    """(sum w)^2 / sum w^2: how many equally weighted items the buffer is worth."""
+    weights = jnp.exp(log_weights - jnp.max(log_weights))
+    return weights.sum() ** 2 / (weights**2).sum()
