@@ -27,6 +27,8 @@ class Body(ABC):
     low: ClassVar[tuple[float, ...]]
     high: ClassVar[tuple[float, ...]]
     camera: ClassVar[str]
+    # A goal's ghost is drawn this much larger, to be seen around a body that has reached it.
+    ghost_scale: ClassVar[float] = 1.0
 
     @abstractmethod
     def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:
@@ -52,6 +54,7 @@ class Body(ABC):
 
     def finish(self, batch: mujoco.batch.Batch) -> None:
         """Whatever a control step still has to do after its `frame_skip` physics steps."""
+        return
 
     def regions(self, observations: Float[np.ndarray, "*n state"]) -> Shaped[np.ndarray, "*n"]:
         """The name of the part of the world each state lies in; success is told by part."""

@@ -5,7 +5,8 @@ independently of the number of threads.
 """
 
 import os
-from typing import Any
+import secrets
+from typing import Any, ClassVar
 
 import gymnasium
 import mujoco
@@ -20,9 +21,10 @@ from everystate.errors import EverystateError
 
 # mjSTATE_INTEGRATION by name: all that decides the future of a simulation.
 _PHYSICS = (
-    "time qpos qvel act history qacc_warmstart ctrl qfrc_applied xfrc_applied eq_active mocap_pos"
-    " mocap_quat userdata plugin_state"
-).split()
+    *("time", "qpos", "qvel", "act", "history", "qacc_warmstart"),
+    *("ctrl", "qfrc_applied", "xfrc_applied", "eq_active"),
+    *("mocap_pos", "mocap_quat", "userdata", "plugin_state"),
+)
 
 
 class MujocoVectorEnv(gymnasium.vector.VectorEnv):
@@ -32,7 +34,7 @@ class MujocoVectorEnv(gymnasium.vector.VectorEnv):
     [-1, 1] and are clipped to it. Arrays returned are the caller's own.
     """
 
-    metadata: dict[str, Any] = {
+    metadata: ClassVar[dict[str, Any]] = {
         "autoreset_mode": AutoresetMode.DISABLED,
         "render_modes": ["rgb_array"],
     }
@@ -41,12 +43,15 @@ class MujocoVectorEnv(gymnasium.vector.VectorEnv):
         self,
         body: Body,
         num_envs: int,
-        seed: int = 0,
+        seed: int | None = None,
         *,
         num_threads: int | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """`num_threads` changes speed only; by default one for every 16 bodies, up to the cores."""
+        """No seed: a different run each time, as Gymnasium has it.
+
+        `num_threads` changes speed only; by default one for every 16 bodies, up to the cores.
+        """
         if num_envs < 1:
             raise EverystateError(f"num_envs is {num_envs}: at least one body is needed")
         if num_threads is None:
@@ -62,6 +67,8 @@ class MujocoVectorEnv(gymnasium.vector.VectorEnv):
         self.centre: Float32[np.ndarray, " state"] = np.array(body.centre, dtype=np.float32)
         self.spread: Float32[np.ndarray, " state"] = np.array(body.spread, dtype=np.float32)
         self.model = mujoco.MjModel.from_xml_path(str(body.xml))
+        # A body that blows up must be seen, not silently put back where it was built.
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.control_step = self.model.opt.timestep * body.frame_skip  # seconds
         self._batch = mujoco.batch.Batch(self.model, num_envs, nthread=num_threads)
         self._physics = {name: self._batch.bind(name) for name in _PHYSICS}
@@ -74,16 +81,15 @@ class MujocoVectorEnv(gymnasium.vector.VectorEnv):
         batch_space = gymnasium.vector.utils.batch_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._seed, self._draws = seed, 0
-        self.reset(seed=seed)
+        self.reset(seed=secrets.randbits(64) if seed is None else seed)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float32[np.ndarray, "envs state"], dict[str, Any]]:
         """New initial states for all bodies; a seed restarts the random numbers too."""
         if seed is not None:
-            if seed < 0:
-                raise EverystateError(f"seed is {seed}: choose a whole number of at least 0")
+            if not 0 <= seed < 2**64:
+                raise EverystateError(f"seed is {seed}: choose a whole number from 0 to 2^64 - 1")
             self._seed, self._draws = seed, 0
         self.set_observations(self.body.initial(self.num_envs, self._rng()))
         return self._observe(), {}

@@ -6,11 +6,12 @@ import sys
 import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
+from mujoco.rendering.classic import gl_context
 
 from everystate.envs.body import Body
 from everystate.errors import EverystateError
 
-GHOST = (0.05, 0.65, 0.25, 0.55)
+GHOST = (0.0, 0.8, 0.3, 0.35)
 
 
 def render_states(
@@ -34,12 +35,14 @@ def render_states(
             mujoco.mj_forward(model, data)
             renderer.update_scene(data, camera=body.camera)
             if goal is not None:
-                _add_ghost(model, ghost, renderer.scene)
+                _add_ghost(model, ghost, renderer.scene, body.ghost_scale)
             frame[:] = renderer.render()
     return frames
 
 
-def _add_ghost(model: mujoco.MjModel, ghost: mujoco.MjData, scene: mujoco.MjvScene) -> None:
+def _add_ghost(
+    model: mujoco.MjModel, ghost: mujoco.MjData, scene: mujoco.MjvScene, scale: float
+) -> None:
     first = scene.ngeom
     mujoco.mjv_addGeoms(
         model,
@@ -51,11 +54,28 @@ def _add_ghost(model: mujoco.MjModel, ghost: mujoco.MjData, scene: mujoco.MjvSce
     )
     for geom in scene.geoms[first : scene.ngeom]:
         geom.matid = -1
+        geom.transparent = 1  # or it hides the body that has reached it
         geom.rgba[:] = GHOST
+        geom.size[:] *= scale
 
 
 def _renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
     """A renderer that also works where there is no screen."""
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("MUJOCO_GL", "egl")
-    return mujoco.Renderer(model, height=height, width=width)
+    vis = model.vis.global_
+    if not (0 < width <= vis.offwidth and 0 < height <= vis.offheight):
+        raise EverystateError(
+            f"picture size {width} x {height}: choose at most {vis.offwidth} x {vis.offheight}"
+        )
+    chosen = os.environ.get("MUJOCO_GL") or os.environ.get("DISPLAY")
+    try:
+        if sys.platform == "linux" and not chosen:
+            # MuJoCo reads MUJOCO_GL when it is imported, which has long happened: hand it EGL here.
+            from mujoco import egl
+
+            gl_context.GLContext = egl.GLContext
+        return mujoco.Renderer(model, height=height, width=width)
+    except Exception as error:  # what is raised depends on which of the libraries is missing
+        raise EverystateError(
+            "cannot draw without a screen: install EGL with"
+            f" `apt-get install libegl1 libgl1-mesa-dri` ({type(error).__name__}: {error})"
+        ) from error
