@@ -1,6 +1,7 @@
 """What the batched stepper must know about a body: one small class per MuJoCo model."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -9,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 
+@dataclass(frozen=True)
 class Body(ABC):
     """A MuJoCo model, how it is driven, and what of it is observed.
 

@@ -11,7 +11,7 @@ from mujoco.rendering.classic import gl_context
 from everystate.envs.body import Body
 from everystate.errors import EverystateError
 
-GHOST = (0.0, 0.8, 0.3, 0.35)
+GHOST = (0.0, 0.9, 0.2, 0.26)
 
 
 def render_states(
@@ -56,6 +56,7 @@ def _add_ghost(
         geom.matid = -1
         geom.transparent = 1  # or it hides the body that has reached it
         geom.rgba[:] = GHOST
+        geom.emission = 0.3
         geom.size[:] *= scale
 
 

@@ -1,0 +1,217 @@
+"""The batched stepper over every body: exact, seeded, nothing shared, drawn and registered."""
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from everystate.envs import BODIES, MujocoVectorEnv, make
+from everystate.errors import EverystateError
+
+
+@pytest.fixture(params=BODIES)
+def body(request: pytest.FixtureRequest) -> str:
+    """Every body in turn."""
+    return request.param
+
+
+def play(env: MujocoVectorEnv, steps: int, seed: int = 0) -> np.ndarray:
+    """Observations under random actions that are the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    shape = (env.num_envs, env.model.nu)
+    return np.stack([env.step(rng.uniform(-1.2, 1.2, shape))[0] for _ in range(steps)])
+
+
+def test_spaces_and_names_agree(body: str) -> None:
+    env = make(body, 3, 0)
+    size = env.single_observation_space.shape
+    assert size == (len(env.state_names),) == (len(env.state_units),)
+    assert env.centre.shape == env.spread.shape == size
+    assert (env.spread > 0).all()
+    assert env.metadata["autoreset_mode"] is AutoresetMode.DISABLED
+    observations, reward, terminated, truncated, info = env.step(env.action_space.sample())
+    assert observations.dtype == np.float32
+    assert env.observation_space.contains(observations)
+    assert not any(signal.any() for signal in (reward, terminated, truncated))
+    assert info == {}
+    assert env.regions(observations).shape == env.falls(observations, observations).shape == (3,)
+    assert env.scored(observations).shape[0] == 3
+
+
+def test_same_seed_same_trajectory(body: str) -> None:
+    first, same, other = (play(make(body, 5, seed), 30) for seed in (7, 7, 8))
+    np.testing.assert_array_equal(first, same)
+    assert (first != other).any()
+    assert np.isfinite(first).all()
+    assert (first.std(axis=(0, 1)) > 0).all()
+
+
+def test_reset_with_a_seed_starts_over(body: str) -> None:
+    env = make(body, 4, 3)
+    start, path = env.reset(seed=3)[0], play(env, 10)
+    assert (env.reset()[0] != start).any()
+    np.testing.assert_array_equal(env.reset(seed=3)[0], start)
+    np.testing.assert_array_equal(play(env, 10), path)
+
+
+def test_threads_do_not_change_the_physics(body: str) -> None:
+    one, four = (play(make(body, 40, 0, num_threads=n), 30) for n in (1, 4))
+    np.testing.assert_array_equal(one, four)
+
+
+def test_bodies_step_as_mujoco_steps_one(body: str) -> None:
+    """The first control step equals a loop of mj_step, as long as nothing is left to finish."""
+    env = make(body, 1, 0)
+    state = env.get_state()
+    data = mujoco.MjData(env.model)
+    data.qpos[:], data.qvel[:] = state["qpos"][0], state["qvel"][0]
+    observations = env.step(np.full((1, env.model.nu), 0.5))[0]
+    data.ctrl[:] = env.get_state()["ctrl"][0]
+    mujoco.mj_step(env.model, data, nstep=env.body.frame_skip)
+    expected = env.body.observe(data.qpos[None].copy(), data.qvel[None].copy())
+    np.testing.assert_array_equal(observations, expected.astype(np.float32))
+
+
+def test_snapshot_replays_bit_for_bit(body: str) -> None:
+    env = make(body, 6, 1)
+    play(env, 20)
+    saved = env.get_state()
+    assert all(type(value) is np.ndarray and value.dtype != object for value in saved.values())
+    path, end = play(env, 40, seed=5), env.get_state()
+    restored = make(body, 6, 99)
+    restored.set_state(saved)
+    np.testing.assert_array_equal(play(restored, 40, seed=5), path)
+    for name, value in restored.get_state().items():
+        np.testing.assert_array_equal(value, end[name])
+
+
+def test_snapshot_of_something_else_is_refused(body: str) -> None:
+    with pytest.raises(EverystateError, match="'ctrl' has shape"):
+        make(body, 2, 0).set_state(make(body, 3, 0).get_state())
+
+
+def test_nothing_is_shared(body: str) -> None:
+    env = make(body, 3, 0)
+    twin = make(body, 3, 0)
+    actions = env.action_space.sample()
+    kept = actions.copy()
+    results = [env.reset(seed=0)[0], *env.step(actions)[:4], *env.step(actions)[:4]]
+    results += [*env.get_state().values(), *env.get_state().values()]
+    results += [env.scored(results[0])]
+    for i, first in enumerate(results):
+        assert not any(np.shares_memory(first, second) for second in results[i + 1 :])
+        first[...] = 1
+    np.testing.assert_array_equal(actions, kept)
+    twin.reset(seed=0)
+    for _ in range(2):
+        twin.step(actions)
+    np.testing.assert_array_equal(play(env, 5), play(twin, 5))
+
+
+def test_states_are_put_where_asked(body: str) -> None:
+    env = make(body, 4, 0)
+    wanted = play(env, 25)[-1]
+    other = make(body, 4, 9)
+    other.set_observations(wanted)
+    state = other.get_state()
+    np.testing.assert_allclose(other.body.observe(state["qpos"], state["qvel"]), wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_non_finite_actions_are_named(body: str, value: float) -> None:
+    env = make(body, 3, 0)
+    actions = np.zeros((3, env.model.nu), dtype=np.float32)
+    actions[2, -1] = value
+    before = env.get_state()
+    with pytest.raises(EverystateError, match=f"action of environment 2 is {value} in component"):
+        env.step(actions)
+    for name, array in env.get_state().items():
+        np.testing.assert_array_equal(array, before[name])
+
+
+def test_non_finite_bodies_are_named(
+    body: str, tmp_path: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(str(tmp_path))  # MuJoCo writes its log where it stands
+    env = make(body, 3, 0)
+    state = env.get_state()
+    state["qpos"][1, 0] = np.nan
+    env.set_state(state)
+    with pytest.raises(EverystateError, match="observation of environment 1 is nan in x"):
+        env.step(np.zeros((3, env.model.nu), dtype=np.float32))
+
+
+def test_user_errors_name_the_value() -> None:
+    with pytest.raises(
+        EverystateError, match="unknown body 'ramp-pointmas': did you mean 'ramp-po"
+    ):
+        make("ramp-pointmas", 1, 0)
+    with pytest.raises(EverystateError, match="no option 'noise_sigm': did you mean 'noise_sigma'"):
+        make("ramp-pointmass", 1, 0, noise_sigm=0.1)
+    with pytest.raises(EverystateError, match="num_envs is 0"):
+        make("ramp-pointmass", 0, 0)
+    with pytest.raises(EverystateError, match="seed is -1"):
+        make("ramp-pointmass", 1, -1)
+    with pytest.raises(EverystateError, match=r"actions have shape \(2, 2\): expected \(1, 2\)"):
+        make("ramp-pointmass", 1, 0).step(np.zeros((2, 2)))
+
+
+def test_gymnasium_accepts_it() -> None:
+    env = gymnasium.make("everystate/RampPointmass-v0", render_mode="rgb_array")
+    check_env(env.unwrapped, skip_render_check=True)
+    observation, _ = env.reset(seed=5)
+    vector = gymnasium.make_vec(
+        "everystate/RampPointmass-v0", num_envs=4, vectorization_mode="vector_entry_point"
+    )
+    assert isinstance(vector, MujocoVectorEnv)
+    observations, _ = vector.reset(seed=5)
+    assert observations.shape == (4, 2)
+    assert env.observation_space.contains(observation)
+    unseeded = [gymnasium.make("everystate/RampPointmass-v0").reset()[0] for _ in range(2)]
+    assert (unseeded[0] != unseeded[1]).any()
+
+
+def near(picture: np.ndarray, colour: str) -> np.ndarray:
+    """Which pixels are mostly red (the agent) or mostly green (the goal)."""
+    red, green, blue = (picture[..., i].astype(int) for i in range(3))
+    return {
+        "red": (red > 120) & (green < red // 3) & (blue < red // 3),
+        "green": (green > red + 50) & (green > blue + 25),
+    }[colour]
+
+
+def test_agent_and_goal_are_both_seen() -> None:
+    env = make("ramp-pointmass", 1, 0)
+    places = np.array(
+        [[-0.5, -0.5], [0.75, 0.0], [-0.5, 0.8], [0.4, 0.5], [0.5, -0.95], [0.95, -0.95]]
+    )
+    pictures = env.render_states(places, goal=np.array([0.0, 0.8]))
+    assert pictures.shape == (6, 240, 320, 3)
+    assert pictures.dtype == np.uint8
+    for picture in pictures:
+        assert near(picture, "red").sum() > 15
+        assert near(picture, "green").sum() > 40
+    centres = [np.argwhere(near(picture, "red")).mean(axis=0) for picture in pictures]
+    assert len({tuple(c.round()) for c in centres}) == len(places)
+    assert near(env.render_states(places[:1])[0], "green").sum() == 0
+
+
+def test_drawing_does_not_disturb_the_run() -> None:
+    env, twin = make("ramp-pointmass", 2, 0, render_mode="rgb_array"), make("ramp-pointmass", 2, 0)
+    frames = env.render()
+    assert frames is not None
+    assert frames[0].shape == (240, 320, 3)
+    np.testing.assert_array_equal(play(env, 5), play(twin, 5))
+    with pytest.raises(EverystateError, match="picture size 99999 x 240"):
+        env.render_states(np.zeros((1, 2)), width=99999)
+
+
+def test_missing_screen_libraries_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(*_: object, **__: object) -> None:
+        raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")
+
+    monkeypatch.setattr(mujoco, "Renderer", missing)
+    with pytest.raises(EverystateError, match="libegl1 libgl1-mesa-dri"):
+        make("ramp-pointmass", 1, 0).render_states(np.zeros((1, 2)))
