@@ -1,0 +1,61 @@
+# Everything a developer types. `make` alone explains itself.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-slow check bench docs clean
+
+# The first Python 3.11 with its venv module; name another with `make PYTHON=...`.
+PYTHON ?= $(shell for p in python3.11 python3 python; do \
+	$$p -c 'import ensurepip, sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null \
+	&& echo $$p && break; done)
+BIN := .venv/bin
+STAMP := .venv/.installed
+DOCS_STAMP := .venv/.installed-docs
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+
+DEMO_ARGS ?=
+TESTS ?= tests
+PYTEST_ARGS ?= -n auto --maxprocesses=4
+
+help:  ## explain the targets (what `make` alone does)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
+
+setup: $(STAMP)  ## create .venv with the pinned requirements and this package, editable
+
+$(STAMP): requirements.txt requirements-dev.txt pyproject.toml
+	@test -n "$(PYTHON)" || { echo "everystate needs Python 3.11 with venv (Debian: apt-get install python3.11-venv), or make PYTHON=/its/path" >&2; exit 1; }
+	@test -x $(BIN)/python || "$(PYTHON)" -m venv .venv
+	@echo "Installing the pinned requirements into .venv (minutes the first time)"
+	@$(PIP) -r requirements-dev.txt
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+demo: setup  ## train on the Ramp Pointmass, evaluate it and write its report
+	$(BIN)/everystate demo $(DEMO_ARGS)
+
+test: setup  ## run the fast tests (TESTS=tests/test_x.py and PYTEST_ARGS narrow it)
+	$(BIN)/python -m pytest $(PYTEST_ARGS) $(TESTS)
+
+test-slow: setup  ## run the tests that take more than seconds
+	$(BIN)/python -m pytest -m "slow and not browser" $(PYTEST_ARGS) $(TESTS)
+
+check: export PYRIGHT_PYTHON_GLOBAL_NODE = 0
+check: export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1
+check: setup  ## lint, format, types and the layers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+bench: setup  ## measure speed and memory, one script of benchmarks/ after the other
+	@ls benchmarks/*.py >/dev/null 2>&1 || { echo "benchmarks/ has no script yet" >&2; exit 1; }
+	@set -e; for script in benchmarks/*.py; do echo "$$script"; $(BIN)/python "$$script"; done
+
+docs: $(DOCS_STAMP)  ## build docs/ into site/, failing on a broken link
+	$(BIN)/mkdocs build --strict --quiet
+
+$(DOCS_STAMP): requirements-docs.txt $(STAMP)
+	@$(PIP) -r requirements-docs.txt
+	@touch $@
+
+clean:  ## remove what builds and checks leave; .venv and runs/ stay
+	rm -rf build dist site .pytest_cache .ruff_cache .import_linter_cache .hypothesis src/*.egg-info
+	find src tests benchmarks experiments -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,53 @@
+"""What every test runs under: shapes checked, JAX strict, compiled programs kept between runs."""
+
+import functools
+import importlib
+import os
+from collections.abc import Callable
+
+# Both before anything imports JAX: tests mean the same everywhere, and a GPU is asked for by name.
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+os.environ.setdefault("MPLBACKEND", "agg")
+
+import jax
+import jaxtyping
+import pytest
+
+# Every annotation of the package is checked at run time, shapes included. Installed here, at
+# import, because a module that was imported earlier would go unchecked.
+jaxtyping.install_import_hook("everystate", "beartype.beartype")
+
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Library functions that promote inside themselves, each seen to fail under the two settings above.
+# They alone run as they do for users; whatever calls them stays strict.
+LENIENT = (
+    ("optax.tree", "bias_correction"),  # 1 - decay**count, a float to an int32 power
+    ("flowjax.bijections.masked_autoregressive", "rank_based_mask"),  # (n, 1) against (m,)
+)
+
+
+def lenient(function: Callable) -> Callable:
+    """The same function, with JAX's own defaults while it is traced."""
+
+    @functools.wraps(function)
+    def wrapper(*args, **kwargs):
+        with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+            return function(*args, **kwargs)
+
+    return wrapper
+
+
+for module_name, function_name in LENIENT:
+    module = importlib.import_module(module_name)
+    setattr(module, function_name, lenient(getattr(module, function_name)))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep compiled programs from run to run; compiling is most of the time of the fast tests."""
+    folder = config.cache.mkdir("jax") if config.cache else None
+    if folder is not None and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)  # for the processes that tests start
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
