@@ -7,8 +7,24 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from flowjax.bijections import AbstractBijection, Chain, Invert, Scan
-from jax.scipy.linalg import lu, solve_triangular
+from jax.scipy.linalg import lu
 from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+
+def _unit_triangular_inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """(I + M)^-1 = (I - M)(I + M^2)(I + M^4)..., exact because M is nilpotent.
+
+    A triangular solve would do, but on the CPU it calls a BLAS whose waiting threads take the
+    cores from XLA's: whole updates ran 8 times slower.
+    """
+    size = matrix.shape[0]
+    identity = jnp.eye(size)
+    power = identity - matrix
+    inverse = identity + power
+    for _ in range(1, max(1, (size - 1).bit_length())):
+        power = power @ power
+        inverse = inverse @ (identity + power)
+    return inverse
 
 
 class PLDU(AbstractBijection):
@@ -63,8 +79,8 @@ class PLDU(AbstractBijection):
         scale = jax.lax.stop_gradient(self.sign) * jnp.exp(self.log_d)
         y = y - self.shift if self.shifted else y
         y = y[jnp.argsort(self.permutation)]
-        y = solve_triangular(lower, y, lower=True, unit_diagonal=True) / scale
-        return solve_triangular(upper, y, unit_diagonal=True), -self.log_d.sum()
+        y = _unit_triangular_inverse(lower) @ y / scale
+        return _unit_triangular_inverse(upper) @ y, -self.log_d.sum()
 
     def elementwise_parameters(self) -> list[Float[Array, " n"]]:
         """What a conditional flow sets per condition (B.1)."""

@@ -10,9 +10,11 @@ def mlp(inputs: int, outputs: int, *, width: int, depth: int, key: PRNGKeyArray)
     """An MLP with `depth` hidden layers of `width` PReLU units (Appendix B)."""
     # A module as final activation, unlike a function, keeps every leaf of the tree an array.
     identity = eqx.nn.Identity()
-    return eqx.nn.MLP(
+    network = eqx.nn.MLP(
         inputs, outputs, width, depth, eqx.nn.PReLU(), final_activation=identity, key=key
     )
+    # PReLU's slopes come weakly typed, which would compile every user of them twice.
+    return jax.tree.map(lambda x: x.astype(jnp.float32), network)
 
 
 class Value(eqx.Module):
