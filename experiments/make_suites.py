@@ -1,0 +1,117 @@
+"""Makes the goal suites that `everystate evaluate` uses: python experiments/make_suites.py BODY.
+
+Run again, it writes the same file; the suites in the package were made by it.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.stats import qmc
+
+from everystate.envs import make
+from everystate.envs.ramp_pointmass import (
+    ARENA,
+    LEDGE_SOUTH,
+    RADIUS,
+    RAMP_FOOT,
+    RAMP_WEST,
+    height,
+    region,
+    set_down,
+)
+from everystate.evaluation import metrics, suites
+
+RAMP_NOTES = (
+    "200 goals (80 on the floor, 60 on the ramp, 60 on the ledge), evenly spread within their"
+    " region; 120 starts on the floor, 40 on the ramp, 40 on the ledge, in every mix with the goals"
+    " and never within eps = 1 of their own. Goals stand off by a ball's diameter (0.1 m) from the"
+    " edges one can fall off - the west side of the ramp, the south side of the ledge - because"
+    " under the body's action noise nobody can stay on an edge. Scored are x, y and the derived z:"
+    " standing below the ledge is not reaching it. sigma is the standard deviation over places"
+    " uniform in the arena."
+)
+
+
+def ramp_rests(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+    """Where a ball can be: nothing to set down, and one idle step leaves it but for the slope."""
+    env = make("ramp-pointmass", len(xy), 0, noise_sigma=0.0)
+    env.set_observations(xy)
+    after = env.step(np.zeros((len(xy), 2)))[0]
+    return (set_down(xy) == xy).all(axis=1) & (np.abs(after - xy).max(axis=1) < 0.01)
+
+
+def ramp_safe(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+    """At least a ball's diameter from the edges one can fall off."""
+    x, y = xy[:, 0], xy[:, 1]
+    off_ledge = (y >= LEDGE_SOUTH) & (y < LEDGE_SOUTH + 2 * RADIUS)
+    off_ramp = (x >= RAMP_WEST) & (x < RAMP_WEST + 2 * RADIUS) & (y > RAMP_FOOT)
+    return ~(off_ramp | off_ledge)
+
+
+def ramp_places(
+    counts: dict[str, int], rng: np.random.Generator, *, safe: bool
+) -> Float[np.ndarray, "n 2"]:
+    """The first places of a low-discrepancy sequence in each region: evenly spread."""
+    xy = qmc.scale(qmc.Halton(2, rng=rng).random(4000), [-ARENA] * 2, [ARENA] * 2).round(4)
+    xy = xy[ramp_rests(xy) & (ramp_safe(xy) | (not safe))]
+    where = region(xy)
+    return np.concatenate([xy[where == name][:count] for name, count in counts.items()])
+
+
+def ramp_sigma() -> Float[np.ndarray, " 3"]:
+    """Standard deviation of x, y, z over the area of the arena."""
+    axis = np.linspace(-ARENA, ARENA, 4001)
+    axis = (axis[1:] + axis[:-1]) / 2
+    xy = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    return np.array([*xy.std(axis=0), height(xy).std()]).round(4)
+
+
+def ramp_pointmass(seed: int = 0) -> suites.Suite:
+    """The suite of the Ramp Pointmass."""
+    rng = np.random.default_rng(seed)
+    goals = ramp_places({"floor": 80, "ramp": 60, "ledge": 60}, rng, safe=True)
+    starts = ramp_places({"floor": 120, "ramp": 40, "ledge": 40}, rng, safe=False)
+    scored, sigma = make("ramp-pointmass", 1, 0).scored, ramp_sigma()
+    starts = starts[rng.permutation(len(starts))]
+
+    def apart() -> Bool[np.ndarray, " n"]:
+        """A body that starts at its goal would have reached it without doing anything."""
+        return metrics.distances(scored(starts)[None], scored(goals), sigma)[0] > 1.0
+
+    while not apart().all():
+        first = rng.choice(np.flatnonzero(~apart()))
+        second = rng.integers(len(starts))
+        good = apart().sum()
+        starts[[first, second]] = starts[[second, first]]
+        if apart().sum() < good:
+            starts[[first, second]] = starts[[second, first]]
+    return suites.Suite(
+        body="ramp-pointmass",
+        notes=RAMP_NOTES,
+        seed=seed,
+        components=("x", "y", "z"),
+        sigma=sigma,
+        angular=(),
+        position=("x", "y"),
+        starts=starts,
+        goals=goals,
+        # From the far end of the floor round the ramp's foot to the far end of the ledge: about 60.
+        horizons=np.full(len(goals), 120),
+    )
+
+
+MAKERS = {"ramp-pointmass": ramp_pointmass}
+
+
+def main(bodies: list[str], folder: Path = suites.FOLDER) -> None:
+    """Writes one file per body."""
+    for body in bodies or sorted(MAKERS):
+        path = folder / f"{body}.json"
+        path.write_text(suites.to_json(MAKERS[body]()))
+        print(path)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

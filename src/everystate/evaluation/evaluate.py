@@ -1,0 +1,168 @@
+"""Sends an agent to every goal of a suite, all at once, and measures how that went."""
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from rich.table import Table
+
+from everystate.agent import config_to_json, load
+from everystate.config import Config
+from everystate.envs import MujocoVectorEnv, make
+from everystate.evaluation import metrics, suites
+from everystate.evaluation.provenance import provenance
+
+
+@runtime_checkable
+class Agent(Protocol):
+    """What an evaluation needs of an agent."""
+
+    @property
+    def config(self) -> Config: ...
+
+    def act(
+        self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0
+    ) -> np.ndarray: ...
+
+    def steps_to_goal(self, observation: Any, goal: Any) -> Any: ...
+
+
+def evaluate(
+    agent: Agent | Path | str,
+    *,
+    plan: bool = True,
+    goals_file: Path | str | None = None,
+    episodes: int | None = None,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Goal reaching on the fixed suite of the agent's body, under the body's own noise.
+
+    Args:
+        agent: an agent, or a path to its run, checkpoint or export.
+        plan: measure planning at act time too; otherwise `success_plan` is None.
+        goals_file: a goal suite of one's own instead of the body's.
+        episodes: only so many goals, evenly taken from the suite.
+        seed: of the body's noise and of planning; the same seed gives the same result.
+
+    Returns:
+        What `docs/` lists: success[region][eps][reading], position_only, falls, calibration, where
+        it comes from; None where there is no number. Only `time` depends on the clock.
+    """
+    started = time.monotonic()
+    run = None
+    if isinstance(agent, (str, Path)):
+        run, agent = Path(agent), load(agent)
+    suite = suites.load(agent.config.body, goals_file)
+    if episodes is not None:
+        suite = suite.subset(episodes)
+    with_policy = _measure(agent, suite, plan=False, seed=seed)
+    planning = _measure(agent, suite, plan=True, seed=seed) if plan else None
+    return {
+        "body": suite.body,
+        "goals": len(suite.goals),
+        "success": with_policy["success"],
+        "success_plan": planning and planning["success"],
+        "position_only": with_policy["position_only"],
+        "falls_per_1000_steps": with_policy["falls_per_1000_steps"],
+        "falls_by_region": with_policy["falls_by_region"],
+        "calibration": with_policy["calibration"],
+        "coverage": coverage(run),
+        "plan": planning and {k: v for k, v in planning.items() if k.startswith("falls")},
+        "seed": seed,
+        "suite": {
+            "file": None if goals_file is None else Path(goals_file).name,
+            "seed": suite.seed,
+            "sigma": dict(zip(suite.components, suite.sigma.tolist(), strict=True)),
+        },
+        "config": config_to_json(agent.config),
+        **provenance(),
+        "time": {"seconds": round(time.monotonic() - started, 2)},
+    }
+
+
+def rollout(
+    agent: Agent,
+    env: MujocoVectorEnv,
+    starts: Float[np.ndarray, "envs state"],
+    goals: Float[np.ndarray, "envs state"],
+    steps: int,
+    *,
+    plan: bool,
+    seed: int,
+) -> Float[np.ndarray, "_ envs state"]:
+    """States [steps + 1, envs, state] of bodies sent from starts to goals; no episode rule."""
+    env.set_observations(starts)
+    goals = np.asarray(goals, dtype=np.float32)
+    states = [np.asarray(starts, dtype=np.float32)]
+    for step in range(steps):
+        # Seeds of different steps must differ, or planning would repeat its noise at every step.
+        actions = agent.act(states[-1], goals, plan=plan, seed=_noise_seed(seed, step))
+        states.append(env.step(actions)[0])
+    return np.stack(states)
+
+
+def coverage(run: Path | None) -> dict[str, float] | None:
+    """What the run's last line of metrics says of coverage; None without a run."""
+    path = run / "metrics.jsonl" if run is not None and run.is_dir() else None
+    if path is None or not path.is_file():
+        return None
+    last = json.loads(path.read_text().splitlines()[-1])
+    found = {name.partition("/")[2]: value for name, value in last.items() if "coverage/" in name}
+    return found or None
+
+
+def table(result: Mapping[str, Any]) -> Table:
+    """The result as it is printed: one row per region, at most 80 columns wide."""
+    shown = Table(title=f"Goal reaching, {result['body']}, {result['goals']} goals")
+    shown.add_column("goals on")
+    for eps in metrics.EPS:
+        shown.add_column(f"last step\n@{eps:g}", justify="right")
+    shown.add_column("any step\n@0.5", justify="right")
+    shown.add_column("planning\nlast @0.5", justify="right")
+    for name, row in result["success"].items():
+        if name == "all":
+            shown.add_section()
+        cells = [row[f"{eps:g}"]["last"] for eps in metrics.EPS] + [row["0.5"]["any"]]
+        if result["success_plan"]:
+            cells.append(result["success_plan"][name]["0.5"]["last"])
+        shown.add_row(name, *(f"{100 * cell:.1f} %" for cell in cells))
+    steps_off = result["calibration"]["mae"]
+    shown.caption = f"{result['falls_per_1000_steps']:.1f} falls per 1,000 steps" + (
+        "" if steps_off is None else f"; -V is off by {steps_off:.1f} steps on average"
+    )
+    return shown
+
+
+def _noise_seed(seed: int, step: int) -> int:
+    return (seed * 100_003 + step) % 2**31  # what JAX takes for a seed without 64-bit integers
+
+
+def _measure(agent: Agent, suite: suites.Suite, *, plan: bool, seed: int) -> dict[str, Any]:
+    env = make(suite.body, len(suite.goals), seed)
+    starts, goals, horizons = suite.starts, suite.goals, suite.horizons
+    states = rollout(agent, env, starts, goals, int(horizons.max()), plan=plan, seed=seed)
+    regions = env.regions(goals)
+    scored, scored_goals = env.scored(states[1:]), env.scored(goals)
+    angular = suite.mask(suite.angular)
+    distance = metrics.distances(scored, scored_goals, suite.sigma, angular)
+    at = suite.mask(suite.position)
+    place = metrics.distances(scored[..., at], scored_goals[..., at], suite.sigma[at], angular[at])
+    falls = env.falls(states[:-1], states[1:])
+    predicted = np.asarray(agent.steps_to_goal(states[0], goals.astype(np.float32)))
+    groups = {name: regions == name for name in dict.fromkeys(regions.tolist())}
+    return {
+        "success": metrics.success(distance, horizons, regions),
+        "position_only": metrics.success(place, horizons, regions),
+        "falls_per_1000_steps": metrics.rate(falls, horizons),
+        "falls_by_region": {
+            name: metrics.rate(falls[:, chosen], horizons[chosen])
+            for name, chosen in groups.items()
+        },
+        "calibration": metrics.calibration(
+            predicted, metrics.first_steps(distance, horizons, metrics.EPS[0])
+        ),
+    }

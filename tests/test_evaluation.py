@@ -1,0 +1,308 @@
+"""Evaluation on trajectories made by hand, and with agents whose worth is known."""
+
+import json
+import math
+import runpy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from everystate import evaluation
+from everystate.config import Config, preset
+from everystate.envs import make
+from everystate.envs.ramp_pointmass import height, region, set_down
+from everystate.errors import EverystateError
+from everystate.evaluation import aggregate, metrics, suites
+
+ROOT = Path(__file__).parents[1]
+CONFIG = preset("test")
+
+
+class Scripted:
+    """Knows the map: round to the foot of the ramp, up along the east wall, along the ledge."""
+
+    config: Config = CONFIG
+
+    def act(self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0) -> np.ndarray:
+        target = np.array([waypoint(s, g) for s, g in zip(observation, goal, strict=True)])
+        return np.clip((target - observation) / 0.1, -1, 1)
+
+    def steps_to_goal(self, observation: Any, goal: Any) -> np.ndarray:
+        return np.abs(observation - goal).max(axis=-1) / 0.1
+
+
+class Idle(Scripted):
+    def act(self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0) -> np.ndarray:
+        return np.zeros_like(observation)
+
+
+class Random(Scripted):
+    def act(self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0) -> np.ndarray:
+        return np.random.default_rng(seed).uniform(-1, 1, np.shape(observation))
+
+
+def waypoint(s: np.ndarray, g: np.ndarray) -> np.ndarray:
+    here, there = str(region(s)), str(region(g))
+    if here == there == "floor" and (s[0] > 0.45 or s[1] < -0.6) == (g[0] > 0.45 or g[1] < -0.6):
+        return g
+    if here == "floor" and s[0] < 0.45 and s[1] > -0.68 and (there != "floor" or g[0] > 0.45):
+        return np.array([min(s[0], 0.35), -0.8])
+    if here == "floor" and there != "floor" and s[0] < 0.85:
+        return np.array([0.92, -0.8])
+    if here == "ramp" and there == "ledge":
+        return np.array([0.92, 0.85])
+    if here == "ledge" and there == "ramp" and s[0] < 0.85:
+        return np.array([0.92, 0.85])
+    return g
+
+
+@pytest.fixture(scope="module")
+def perfect() -> dict[str, Any]:
+    return evaluation.evaluate(Scripted(), plan=False)
+
+
+# --- Metrics on trajectories made by hand ---
+
+
+def test_distance_is_the_worst_component_in_units_of_sigma() -> None:
+    states = np.array([[[0.0, 0.0]], [[1.0, 0.5]], [[2.0, 3.0]]])
+    found = metrics.distances(states, np.array([[2.0, 0.0]]), np.array([2.0, 0.5]))
+    np.testing.assert_allclose(found[:, 0], [1.0, 1.0, 6.0])
+
+
+def test_angles_are_compared_the_short_way() -> None:
+    angular, sigma = np.array([True, False]), np.ones(2)
+    states, goals = np.array([[[3.1, 3.1]]]), np.array([[-3.1, 3.1]])
+    assert metrics.distances(states, goals, sigma, angular)[0, 0] == pytest.approx(
+        2 * math.pi - 6.2
+    )
+    assert metrics.distances(states, goals, sigma)[0, 0] == pytest.approx(6.2)
+    turned = metrics.distances(states + np.array([4 * math.pi, 0.0]), goals, sigma, angular)
+    assert turned[0, 0] == pytest.approx(2 * math.pi - 6.2)
+
+
+def test_readings_stop_at_each_goals_horizon() -> None:
+    distance = np.array([[0.9, 0.1], [0.2, 0.1], [0.3, 0.9], [0.1, 0.9]])
+    found = metrics.readings(distance, np.array([3, 2]), 0.25)
+    np.testing.assert_allclose(found["any"], [1, 1])
+    np.testing.assert_allclose(found["last"], [0, 1])
+    np.testing.assert_allclose(found["fraction"], [1 / 3, 1])
+    np.testing.assert_allclose(metrics.readings(distance, np.array([4, 4]), 0.25)["last"], [1, 0])
+
+
+def test_success_is_told_by_region_and_tolerance() -> None:
+    distance = np.array([[0.2, 0.4, 0.7, 2.0]])
+    regions = np.array(["low", "low", "high", "high"])
+    found = metrics.success(distance, np.ones(4, dtype=int), regions)
+    assert list(found) == ["low", "high", "all"]
+    assert {eps: row["last"] for eps, row in found["low"].items()} == {
+        "0.25": 0.5,
+        "0.5": 1.0,
+        "1": 1.0,
+    }
+    assert [found["all"][eps]["any"] for eps in ("0.25", "0.5", "1")] == [0.25, 0.5, 0.75]
+
+
+def test_first_steps_and_calibration() -> None:
+    distance = np.array([[0.2, 0.9, 0.9], [0.1, 0.9, 0.2], [0.9, 0.9, 0.1]])
+    measured = metrics.first_steps(distance, np.array([3, 3, 1]), 0.25)
+    np.testing.assert_array_equal(measured, [1, np.nan, np.nan])
+    found = metrics.calibration(np.array([2.0, 4.0, 9.0, 5.0]), np.array([1.0, 2.0, 3.0, np.nan]))
+    assert found == {"mae": pytest.approx(3.0), "spearman": pytest.approx(1.0), "reached": 3}
+    nothing = metrics.calibration(np.ones(2), np.full(2, np.nan))
+    assert nothing == {"mae": None, "spearman": None, "reached": 0}
+    assert metrics.calibration(np.ones(4), np.arange(4.0))["spearman"] is None
+
+
+def test_rate_counts_only_steps_within_the_horizon() -> None:
+    events = np.array([[True, True], [False, True]])
+    assert metrics.rate(events, np.array([2, 1])) == pytest.approx(2000 / 3)
+
+
+# --- The suite ---
+
+
+def test_suites_are_what_their_script_makes(tmp_path: Path) -> None:
+    script = runpy.run_path(str(ROOT / "experiments" / "make_suites.py"))
+    script["main"]([], tmp_path)
+    assert sorted(path.stem for path in tmp_path.iterdir()) == sorted(suites.SUITES)
+    for path in tmp_path.iterdir():
+        assert path.read_text() == (suites.FOLDER / path.name).read_text()
+
+
+def test_ramp_suite_is_spread_and_keeps_off_the_edges() -> None:
+    suite = suites.load("ramp-pointmass")
+    names, counts = np.unique(region(suite.goals), return_counts=True)
+    assert dict(zip(names.tolist(), counts.tolist(), strict=True)) == {
+        "floor": 80,
+        "ledge": 60,
+        "ramp": 60,
+    }
+    assert (region(suite.starts) == "floor").mean() >= 0.5
+    for places in (suite.starts, suite.goals):
+        np.testing.assert_array_equal(set_down(places), places)
+    for turn in np.linspace(0, 2 * np.pi, 16):
+        beside = suite.goals + 0.099 * np.array([np.cos(turn), np.sin(turn)])
+        assert (height(suite.goals) - height(np.clip(beside, -1, 1))).max() < 0.1
+    np.testing.assert_allclose(suite.sigma, [0.577, 0.577, 0.209], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.pop("sigma"), "'sigma' is missing"),
+        (lambda d: d.update(body="ant"), "for 'ant', not for 'ramp-pointmass'"),
+        (lambda d: d["tasks"].clear(), "at least 1"),
+        (lambda d: d["tasks"][0].update(horizon=0), "horizon is 0"),
+        (lambda d: d["tasks"][0].update(goal=[float("nan"), 0]), "goals .* finite"),
+        (lambda d: d.update(position=["X"]), "no component 'X'"),
+    ],
+)
+def test_bad_goal_files_are_refused(change: Any, message: str, tmp_path: Path) -> None:
+    data = json.loads((suites.FOLDER / "ramp-pointmass.json").read_text())
+    change(data)
+    path = tmp_path / "goals.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(EverystateError, match=message):
+        suites.load("ramp-pointmass", path)
+
+
+def test_missing_and_broken_goal_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(EverystateError, match="cannot read"):
+        suites.load("ramp-pointmass", tmp_path / "none.json")
+    (tmp_path / "bad.json").write_text("{")
+    with pytest.raises(EverystateError, match="is no goal suite"):
+        suites.load("ramp-pointmass", tmp_path / "bad.json")
+    with pytest.raises(EverystateError, match="no goal suite for body 'ant'"):
+        suites.load("ant")
+
+
+# --- Agents whose worth is known ---
+
+
+def test_an_agent_that_knows_the_map_reaches_nearly_all(perfect: dict[str, Any]) -> None:
+    for name in ("floor", "ramp", "ledge"):
+        row = perfect["success"][name]
+        assert row["0.5"]["last"] >= 0.95, name
+        assert row["0.25"]["any"] >= 0.95, name
+        assert 0.4 < row["0.5"]["fraction"] < 1.0, name
+        assert row["0.25"]["last"] <= row["0.5"]["last"] <= row["1"]["last"]
+        assert perfect["position_only"][name]["0.5"]["last"] >= row["0.5"]["last"]
+    assert perfect["calibration"]["reached"] > 180
+    assert perfect["calibration"]["spearman"] > 0.3
+
+
+@pytest.mark.parametrize("useless", [Idle(), Random()])
+def test_useless_agents_score_about_nothing(useless: Scripted) -> None:
+    found = evaluation.evaluate(useless, plan=False)
+    assert found["success"]["all"]["0.25"]["last"] < 0.1
+    assert found["success"]["ledge"]["0.5"]["last"] < 0.2
+
+
+def test_standing_below_the_ledge_is_not_reaching_it() -> None:
+    suite = suites.load("ramp-pointmass")
+    scored = make("ramp-pointmass", 1, 0).scored
+    below = np.array([[0.0, 0.55]])
+    above = np.array([[0.0, 0.7]])
+    at = suite.mask(suite.position)
+    assert metrics.distances(scored(below)[None], scored(above), suite.sigma)[0, 0] > 1
+    assert metrics.distances(below[None], above, suite.sigma[at])[0, 0] < 0.5
+
+
+def test_the_same_seed_gives_the_same_result(perfect: dict[str, Any]) -> None:
+    def told(result: dict[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in result.items() if not name.startswith("time")}
+
+    assert told(evaluation.evaluate(Scripted(), plan=False)) == told(perfect)
+    other = evaluation.evaluate(Scripted(), plan=False, seed=1)
+    assert told(other)["calibration"] != told(perfect)["calibration"]
+
+
+def test_planning_has_its_own_column_and_its_own_noise_each_step() -> None:
+    seeds: dict[bool, list[int]] = {False: [], True: []}
+
+    class Recorded(Idle):
+        def act(
+            self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0
+        ) -> np.ndarray:
+            seeds[plan].append(seed)
+            return np.full_like(observation, 0.1 if plan else 0.0)
+
+    found = evaluation.evaluate(Recorded(), episodes=20)
+    assert found["goals"] == 20
+    assert (
+        found["success_plan"].keys()
+        == found["success"].keys()
+        == {*("floor", "ramp", "ledge", "all")}
+    )
+    assert len(set(seeds[True])) == len(seeds[True]) == 120
+    with pytest.raises(EverystateError, match="episodes is 201"):
+        evaluation.evaluate(Recorded(), episodes=201)
+
+
+def test_results_are_json_and_say_where_they_come_from(perfect: dict[str, Any]) -> None:
+    agent = Idle()
+    agent.config = replace(CONFIG, weight_clip=math.inf)
+    found = evaluation.evaluate(agent, plan=False, episodes=3)
+    again = json.loads(json.dumps(found, allow_nan=False))
+    assert again == found
+    assert float(found["config"]["weight_clip"]) == math.inf
+    assert {"command", "commit", "machine", "versions", "seed", "time"} <= found.keys()
+
+
+def test_coverage_is_the_runs_last(tmp_path: Path) -> None:
+    assert evaluation.coverage(None) is None
+    assert evaluation.coverage(tmp_path) is None
+    lines = [
+        {"epoch": 0, "coverage/cells": 3.0},
+        {"epoch": 1, "coverage/cells": 7.0, "loss/f": 1.0},
+    ]
+    (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, lines)) + "\n")
+    assert evaluation.coverage(tmp_path) == {"cells": 7.0}
+
+
+def test_table_fits_a_terminal(perfect: dict[str, Any]) -> None:
+    console = Console(width=80, record=True)
+    console.print(evaluation.table(perfect | {"success_plan": perfect["success"]}))
+    text = console.export_text()
+    assert all(word in text for word in ("floor", "ramp", "ledge", "all", "falls"))
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    console.print(evaluation.table(perfect))
+
+
+# --- Over seeds ---
+
+
+def test_summary_of_known_values() -> None:
+    found = aggregate.summary([0.0, 1.0, 2.0, 3.0, 100.0])
+    assert found["median"] == found["iqm"] == 2.0
+    assert 0 <= found["low"] <= 2 <= found["high"] <= 100
+    assert aggregate.summary([1.0, 1.0, 1.0])["low"] == 1.0
+    assert aggregate.summary([4.0]) == {
+        "median": 4.0,
+        "iqm": 4.0,
+        "low": None,
+        "high": None,
+        "values": [4.0],
+    }
+    with pytest.raises(EverystateError, match="finite"):
+        aggregate.summary([1.0, float("nan")])
+
+
+def test_seeds_are_put_together(perfect: dict[str, Any]) -> None:
+    def seed(number: int, mae: float | None) -> dict[str, Any]:
+        calibration = perfect["calibration"] | {"mae": mae}
+        return perfect | {"config": {"seed": number}, "calibration": calibration}
+
+    found = aggregate.over_seeds([seed(0, 1.0), seed(1, None), seed(2, 3.0)])
+    assert found["seeds"] == [0, 1, 2]
+    assert found["calibration"]["mae"]["values"] == [1.0, 3.0]
+    last = perfect["success"]["ledge"]["0.5"]["last"]
+    assert found["success"]["ledge"]["0.5"]["last"]["values"] == [last] * 3
+    with pytest.raises(EverystateError, match="only once"):
+        aggregate.over_seeds([seed(0, 1.0), seed(0, 1.0)])
