@@ -1,0 +1,16 @@
+"""A trained agent: what it does, and how it is kept on disk."""
+
+from everystate.agent.agent import Agent, load
+from everystate.agent.arrays import named_arrays, skeleton, with_arrays
+from everystate.agent.files import BodyInfo, config_from_json, config_to_json
+
+__all__ = [
+    "Agent",
+    "BodyInfo",
+    "config_from_json",
+    "config_to_json",
+    "load",
+    "named_arrays",
+    "skeleton",
+    "with_arrays",
+]

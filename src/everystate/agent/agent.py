@@ -1,0 +1,202 @@
+"""A trained agent as its user holds it: everything in the body's own units, NumPy in and out."""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Float32, PRNGKeyArray
+from numpy.typing import ArrayLike
+
+from everystate.agent import files
+from everystate.agent.files import BodyInfo
+from everystate.algorithm import Models, Scale
+from everystate.config import Config
+from everystate.errors import EverystateError, suggest
+from everystate.learning.flows import decode
+from everystate.learning.goals import least_likely_goal
+from everystate.learning.policy import improve
+
+SHIPPED = Path(__file__).parents[1] / "agents"
+_PLANNING = {"j": 8, "N": 8}  # Candidates and rollouts when one action is worth some thought.
+
+
+@final
+@dataclass(frozen=True)
+class Agent:
+    """A trained agent: where to go is its user's choice, how to get there is what it learned.
+
+    Every method takes a single state `[state]` or a batch `[n, state]`, in the units of the body,
+    and returns float32 NumPy arrays. A state of the wrong shape, or with a component that is not
+    finite, raises an `EverystateError`.
+    """
+
+    models: Models
+    scale: Scale
+    config: Config
+    body: BodyInfo
+
+    def act(
+        self, observation: ArrayLike, goal: ArrayLike, *, plan: bool = False, seed: int = 0
+    ) -> Float32[np.ndarray, "*n action"]:
+        """The action, in [-1, 1], that leads from each state towards its goal.
+
+        Without `plan` it is the policy's most central one (z = 0). With it, the best of 32
+        candidates by one step of lookahead through the learned dynamics and value (4.2, 4.3):
+        slower, often better, and deterministic for a `seed`. Either argument may be a batch.
+        """
+        states, goals, single = self._pairs(observation, goal)
+        if plan:
+            config = replace(self.config, **_PLANNING)
+            actions = _plan(config, self.models, states, goals, jax.random.key(seed))
+        else:
+            actions = _act(self.models, states, goals)
+        return _returned(actions, single)
+
+    def propose_goals(self, n: int, seed: int = 0) -> Float32[np.ndarray, "n state"]:
+        """Goals worth exploring: each the least likely of m states the agent imagines (4.1)."""
+        if n < 1:
+            raise EverystateError(f"n is {n}: propose at least one goal")
+        keys = jax.random.split(jax.random.key(seed), n)
+        goals = np.asarray(_propose(self.config.m, self.models, keys))
+        return goals * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
+
+    def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
+        """About how many control steps each state is from its goal: -V(s, g) (4.2)."""
+        states, goals, single = self._pairs(observation, goal)
+        return -_returned(_values(self.models, states, goals), single)
+
+    def log_density(self, state: ArrayLike) -> Float32[np.ndarray, "*n"]:
+        """log p_f(s): how much of its life the agent has lately spent around each state.
+
+        A density per unit of state, in nats: it integrates to 1 over the body's own units.
+        """
+        states = self._scaled("state", state)
+        scaled = _returned(
+            _log_density(self.models, jnp.asarray(np.atleast_2d(states))), states.ndim == 1
+        )
+        return np.asarray(scaled - np.log(np.asarray(self.scale.spread)).sum())
+
+    def export(self, path: str | Path, scores: Mapping[str, Any] | None = None) -> Path:
+        """Writes the agent to a new folder that `load` reads, anywhere and without running code.
+
+        Args:
+            path: the folder; it must not exist.
+            scores: results to keep with it, anything JSON can hold.
+        """
+        return files.export(Path(path), self.models, self.scale, self.config, self.body, scores)
+
+    def _scaled(self, what: str, value: ArrayLike) -> Float32[np.ndarray, "*n state"]:
+        names = self.body.state_names
+        try:
+            states = np.asarray(value, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise EverystateError(f"the {what} is no array of numbers: {error}") from error
+        if states.ndim not in (1, 2) or states.shape[-1] != len(names):
+            raise EverystateError(
+                f"the {what} has shape {states.shape}: expected ({len(names)},) or "
+                f"(n, {len(names)}), for {', '.join(names)}"
+            )
+        if not np.isfinite(states).all():
+            place = tuple(np.argwhere(~np.isfinite(states))[0])
+            raise EverystateError(
+                f"the {what} is {states[place]} in {names[place[-1]]}: it must be finite"
+            )
+        return (states - np.asarray(self.scale.centre)) / np.asarray(self.scale.spread)
+
+    def _pairs(
+        self, observation: ArrayLike, goal: ArrayLike
+    ) -> tuple[Float[Array, "n s"], Float[Array, "n s"], bool]:
+        """Both as batches of the same length, and whether both came single."""
+        states, goals = self._scaled("observation", observation), self._scaled("goal", goal)
+        single = states.ndim == goals.ndim == 1
+        states, goals = np.atleast_2d(states), np.atleast_2d(goals)
+        if len(states) != len(goals) and 1 not in (len(states), len(goals)):
+            raise EverystateError(
+                f"{len(states)} observations and {len(goals)} goals: give as many of each, or one"
+            )
+        states, goals = np.broadcast_arrays(states, goals)
+        return jnp.asarray(states), jnp.asarray(goals), single
+
+
+def _returned(values: Float[Array, "n *a"], single: bool) -> Float32[np.ndarray, "..."]:
+    """The user's own array, without the batch axis that a single state was given."""
+    return np.array(values[0] if single else values)
+
+
+# Compiled once per shape of batch, for all agents of the same architecture.
+
+
+@eqx.filter_jit
+def _act(
+    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+) -> Float[Array, "n a"]:
+    def central(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
+        policy = models.policy(jnp.concatenate([state, goal]))
+        return jnp.clip(decode(policy, jnp.zeros(policy.shape)), -1, 1)
+
+    return jax.vmap(central)(states, goals)
+
+
+@eqx.filter_jit
+def _plan(
+    config: Config,
+    models: Models,
+    states: Float[Array, "n s"],
+    goals: Float[Array, "n s"],
+    key: PRNGKeyArray,
+) -> Float[Array, "n a"]:
+    no_floor = jnp.float32(-jnp.inf)
+    return jax.lax.map(
+        lambda x: improve(config, models, models.value, x[0], x[1], no_floor, key=x[2]).action,
+        (states, goals, jax.random.split(key, len(states))),
+        batch_size=64,
+    )
+
+
+@eqx.filter_jit
+def _propose(m: int, models: Models, keys: PRNGKeyArray) -> Float[Array, "n s"]:
+    return jax.vmap(lambda key: least_likely_goal(models.state_flow, m, key=key))(keys)
+
+
+@eqx.filter_jit
+def _values(
+    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+) -> Float[Array, " n"]:
+    return jax.vmap(models.value)(states, goals)
+
+
+@eqx.filter_jit
+def _log_density(models: Models, states: Float[Array, "n s"]) -> Float[Array, " n"]:
+    return models.state_flow.log_prob(states)
+
+
+def load(path: str | Path) -> Agent:
+    """The agent in an exported folder or a run folder (its latest), or one shipped, by its name.
+
+    Raises:
+        EverystateError: no agent there, a damaged one, or one of another version.
+    """
+    folder = Path(path)
+    if not folder.exists() and (SHIPPED / path).is_dir():
+        folder = SHIPPED / path
+    if (folder / "agent.json").exists():
+        return Agent(*files.read(folder))
+    checkpoints = sorted(folder.glob("checkpoints/[0-9]*"), reverse=True)
+    for checkpoint in checkpoints:
+        try:
+            return Agent(*files.read(checkpoint))
+        except EverystateError as error:
+            if checkpoint == checkpoints[-1]:
+                raise
+            warnings.warn(f"{error}; taking the one before", stacklevel=2)
+    if folder.exists():
+        raise EverystateError(f"{folder} holds no agent: give a run folder or an exported agent")
+    names = [shipped.name for shipped in SHIPPED.glob("*/")]
+    hint = suggest(str(path), names) if names else "give a run folder or an exported agent"
+    raise EverystateError(f"no agent at {path}: {hint}")

@@ -1,0 +1,50 @@
+"""Pytrees as arrays with names, which is all that files know."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from everystate.algorithm import AgentState, Scale, init
+from everystate.config import Config
+from everystate.learning.replay import Transitions
+
+
+def skeleton(config: Config, state_size: int, action_size: int) -> AgentState:
+    """The agent state of a new run, with shapes and dtypes in place of arrays: costs no memory."""
+
+    def like(*shape: int) -> Any:
+        return jax.ShapeDtypeStruct(shape, jnp.float32)
+
+    leading = (config.warmup_steps, config.num_bodies)
+    states, actions = like(*leading, state_size), like(*leading, action_size)
+    warmup, scale = Transitions(states, actions, states), Scale(like(state_size), like(state_size))
+    return eqx.filter_eval_shape(init, config, warmup, scale, key=jax.random.key(0))
+
+
+def named_arrays(tree: Any) -> dict[str, Any]:
+    """The arrays of a pytree (or what stands for them) by their place in it."""
+    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(tree, _is_array))
+    return {jax.tree_util.keystr(path, simple=True, separator="."): x for path, x in leaves}
+
+
+def with_arrays(tree: Any, arrays: Mapping[str, Any]) -> Any:
+    """The same pytree with other arrays, named as by `named_arrays`.
+
+    Raises:
+        ValueError: a name, a shape or a dtype is not the tree's.
+    """
+    expected = named_arrays(tree)
+    for name in [*expected, *arrays]:
+        form = [(x[name].shape, x[name].dtype) if name in x else None for x in (expected, arrays)]
+        if form[0] != form[1]:
+            raise ValueError(f"array {name}: expected {form[0]}, found {form[1]}")
+    dynamic, static = eqx.partition(tree, _is_array)
+    found = jax.tree.unflatten(jax.tree.structure(dynamic), [arrays[name] for name in expected])
+    return eqx.combine(found, static)
+
+
+def _is_array(leaf: Any) -> bool:
+    return isinstance(leaf, jax.ShapeDtypeStruct) or eqx.is_array(leaf)

@@ -1,0 +1,120 @@
+"""Agents on disk: two files that load without running code.
+
+`agent.safetensors` has the models' arrays, `agent.json` what is needed to build the models around
+them.
+"""
+
+import json
+import math
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+from everystate.agent.arrays import named_arrays, skeleton, with_arrays
+from everystate.algorithm import Models, Scale
+from everystate.config import Config
+from everystate.errors import EverystateError
+
+FORMAT = 1
+
+
+class BodyInfo(NamedTuple):
+    """What an agent must know about its body."""
+
+    state_names: tuple[str, ...]
+    action_size: int
+
+
+def export(path: Path, *agent_and_scores: Any) -> Path:
+    """`write` to a new folder, which appears whole or not at all."""
+    if path.exists():
+        raise EverystateError(f"{path} exists already: export to a new folder")
+    draft = path.with_name(f".{path.name}.draft")
+    try:
+        shutil.rmtree(draft, ignore_errors=True)
+        draft.mkdir(parents=True)
+        write(draft, *agent_and_scores)
+        draft.rename(path)
+    except OSError as error:
+        raise EverystateError(f"cannot export to {path}: {error.strerror}") from error
+    return path
+
+
+def write(
+    folder: Path,
+    models: Models,
+    scale: Scale,
+    config: Config,
+    body: BodyInfo,
+    scores: Mapping[str, Any] | None = None,
+) -> None:
+    """Writes an agent's two files into an existing folder."""
+    description = {
+        "format": FORMAT,
+        "everystate": version("everystate"),
+        "config": config_to_json(config),
+        "body": body._asdict(),
+        "scale": {name: np.asarray(x).tolist() for name, x in scale._asdict().items()},
+        "scores": dict(scores or {}),
+    }
+    arrays = {name: np.asarray(x) for name, x in named_arrays(models).items()}
+    safetensors.numpy.save_file(arrays, folder / "agent.safetensors")
+    (folder / "agent.json").write_text(json.dumps(description, indent=2) + "\n")
+
+
+def read(folder: Path) -> tuple[Models, Scale, Config, BodyInfo]:
+    """The inverse of `write`, scores apart.
+
+    Raises:
+        EverystateError: the files are damaged or of another version.
+    """
+    try:
+        description = json.loads((folder / "agent.json").read_text())
+        if description["format"] != FORMAT:
+            raise EverystateError(
+                f"the agent in {folder} has format {description['format']} and this everystate "
+                f"reads format {FORMAT}: use everystate {description['everystate']}"
+            )
+        config = config_from_json(description["config"])
+        body = BodyInfo(**description["body"])
+        body = body._replace(state_names=tuple(body.state_names))
+        models = skeleton(config, len(body.state_names), body.action_size).models
+        arrays = safetensors.numpy.load_file(folder / "agent.safetensors")
+        models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
+        units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
+        return models, Scale(**units), config, body
+    except (OSError, ValueError, KeyError, TypeError, safetensors.SafetensorError) as error:
+        problem = " ".join(f"{type(error).__name__}: {error}".split())
+        raise EverystateError(f"the agent in {folder} is damaged ({problem})") from error
+
+
+def config_to_json(config: Config) -> dict[str, Any]:
+    """The fields of a config; JSON has no infinity, so that one is a string."""
+    return {
+        name: str(x) if isinstance(x, float) and math.isinf(x) else x
+        for name, x in asdict(config).items()
+    }
+
+
+def config_from_json(values: Mapping[str, Any]) -> Config:
+    """The inverse of `config_to_json`.
+
+    Raises:
+        EverystateError: a field is unknown, as from another version, or out of range.
+    """
+    known = {field.name: field.type for field in fields(Config)}
+    for name in values:
+        if name not in known:
+            raise EverystateError(f"config field {name!r} is not one of this everystate's")
+    typed: dict[str, Any] = {
+        name: float(x) if known[name] is float else x for name, x in values.items()
+    }
+    return Config(**typed)

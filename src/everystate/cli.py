@@ -1,0 +1,178 @@
+"""Usage: everystate COMMAND [options].
+
+  train BODY     let an agent teach itself a body, or go on with a run
+  evaluate RUN   measure what it can reach [--json]
+  report RUN     draw a page of pictures of a run
+  demo           all three on the Ramp Pointmass, in minutes
+  bodies         list the bodies
+
+`everystate COMMAND --help` lists the options. Exit codes: 0 done, 2 a mistake to mend (nothing is
+written or lost), 130 interrupted by Ctrl-C (saved; the same command goes on).
+"""
+
+import argparse
+import contextlib
+import dataclasses
+import io
+import itertools
+import json
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from everystate.config import Config, preset
+from everystate.errors import EverystateError, suggest
+
+
+@dataclasses.dataclass(frozen=True)
+class Train(Config):
+    """Trains an agent; the same command goes on with a run that was interrupted."""
+
+    body: tyro.conf.Positional[str] = "ramp-pointmass"
+    """Body to learn; `everystate bodies` lists them."""
+    preset: str = "quick"
+    """Preset: quick (for two cores), paper, literal (paper without stabilisers) or test. It sets
+    the defaults of the options below."""
+    run_dir: Path | None = None
+    """Folder of the run, by default runs/BODY-PRESET-seedSEED."""
+    quiet: bool = False
+    """A plain line every few epochs instead of a progress bar."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluate:
+    """Measures what an agent can reach, by region; how it explored; and how safe it is."""
+
+    run: tyro.conf.Positional[Path]
+    """Run folder, exported agent, or the name of an agent that comes with everystate."""
+    json: bool = False
+    """The last line is one JSON object."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """Evaluates a run and draws a page of pictures of it."""
+
+    run: tyro.conf.Positional[Path]
+    """Run folder."""
+
+
+def train(argv: list[str], command: str = "train", run_dir: Path | None = None) -> Path:
+    """Train an agent, or go on; returns the folder of the run."""
+    named = bool(argv) and not argv[0].startswith("-")
+    if not named and "--help" not in argv:
+        raise EverystateError("name the body first: everystate train BODY [options]")
+    body = argv[0] if named else Train.body
+    peek = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    peek.add_argument("--preset", nargs="?")
+    name = peek.parse_known_args(argv)[0].preset or Train.preset
+    defaults = Train(**dataclasses.asdict(preset(name, body)), preset=name, run_dir=run_dir)
+    options = _parse(Train, command, argv, defaults)
+    fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(Config)}
+    from everystate import training
+
+    progress = "plain" if options.quiet else True
+    return training.train(
+        fields.pop("body"), preset=name, run_dir=options.run_dir, progress=progress, **fields
+    )
+
+
+def evaluate(argv: list[str]) -> None:
+    """Print what a run can reach."""
+    options = _parse(Evaluate, "evaluate", argv)
+    from everystate import evaluation
+
+    result = evaluation.evaluate(options.run)
+    if options.json:
+        print(json.dumps(result))
+    else:
+        _print(evaluation.table(result))
+
+
+def report(argv: list[str]) -> None:
+    """Draw the page of a run."""
+    options = _parse(Report, "report", argv)
+    from everystate import evaluation, viewing
+
+    print(viewing.report(options.run, evaluation.evaluate(options.run)))
+
+
+def demo(argv: list[str]) -> None:
+    """Train, evaluate and report on the Ramp Pointmass."""
+    run_dir = train(["ramp-pointmass", *argv], "demo", Path("runs/ramp-pointmass-demo"))
+    from everystate import evaluation, viewing
+
+    result = evaluation.evaluate(run_dir)
+    _print(evaluation.table(result))
+    print(f"report:      {viewing.report(run_dir, result)}")
+    print(f"run:         {run_dir}")
+    print(f"all metrics: tensorboard --logdir {run_dir}")
+    print(f"in Python:   everystate.load({str(run_dir)!r}).act(observation, goal)")
+
+
+def bodies(argv: list[str]) -> None:
+    """List the bodies and what they observe."""
+    from everystate import envs
+
+    for name in envs.BODIES:
+        env = envs.make(name, 1, 0)
+        units = zip(env.state_names, env.state_units, strict=True)
+        print(f"{name}: {', '.join(f'{state} [{unit}]' for state, unit in units)}")
+
+
+COMMANDS = {f.__name__: f for f in (train, evaluate, report, demo, bodies)}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs one command and returns its exit code."""
+    argv = sys.argv[1:] if argv is None else argv
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
+    try:
+        if not argv or argv[0] in ("-h", "--help"):
+            print(__doc__)
+        elif argv[0] not in COMMANDS:
+            raise EverystateError(f"unknown command {argv[0]!r}: {suggest(argv[0], COMMANDS)}")
+        else:
+            COMMANDS[argv[0]](argv[1:])
+    except EverystateError as error:
+        print("error:", " ".join(str(error).split()), file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def _parse(kind: type, command: str, argv: list[str], default: Any = tyro.MISSING_NONPROP) -> Any:
+    """Options by Tyro, but what is wrong with them in one line, with a suggestion."""
+    known = {f"--{field.name}".replace("_", "-"): field.type for field in dataclasses.fields(kind)}
+    known |= {f"--no-{name[2:]}": bool for name, type_ in known.items() if type_ in (bool, "bool")}
+    for argument in argv:
+        option = argument.partition("=")[0].replace("_", "-")
+        if option.startswith("--") and option not in {*known, "--help"}:
+            raise EverystateError(f"unknown option {option}: {suggest(option, known)}")
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(kind, args=argv, default=default, prog=f"everystate {command}")
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        # Below the title and above the advice, between lines that are drawn.
+        lines = [line.strip(" │") for line in said.getvalue().splitlines()[1:]]
+        below = itertools.dropwhile(_is_drawn, lines)
+        raise EverystateError(
+            " ".join(itertools.takewhile(lambda x: not _is_drawn(x), below))
+        ) from stop
+
+
+def _is_drawn(line: str) -> bool:
+    return not line.strip("─-╭╮╰╯├┤ ")
+
+
+def _print(table: Any) -> None:
+    from rich.console import Console
+
+    Console().print(table)

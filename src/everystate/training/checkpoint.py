@@ -1,0 +1,157 @@
+"""Checkpoints: all that decides how a run goes on, so that it goes on bit for bit.
+
+A checkpoint is a folder `checkpoints/EPOCH` that appears whole or not at all. It is also an
+exported agent, so that whoever wants only the agent need not know what else a run holds.
+"""
+
+import json
+import shutil
+import warnings
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import orbax.checkpoint as ocp
+from jaxtyping import Bool, Float32
+
+from everystate.agent import Agent, files, named_arrays, skeleton, with_arrays
+from everystate.algorithm import AgentState
+from everystate.config import Config
+from everystate.errors import EverystateError
+
+KEPT = 2
+
+
+class Snapshot(NamedTuple):
+    """A run between two epochs."""
+
+    agent: AgentState
+    env: dict[str, np.ndarray]
+    """The bodies' physics and random numbers, as their `get_state` has it."""
+    observations: Float32[np.ndarray, "bodies s"]
+    """What the bodies observe now."""
+    visited: Bool[np.ndarray, "..."]
+    """Cells of the body's space that were ever visited."""
+
+    @property
+    def epoch(self) -> int:
+        """How many epochs lie behind it."""
+        return int(self.agent.epoch)
+
+
+def save(folder: Path, snapshot: Snapshot, agent: Agent, period: int) -> Path:
+    """Writes a checkpoint, unless that epoch has one, and removes those no longer needed.
+
+    The last two stay, and of the older ones those after 1, 2, 4, 8, ... periods.
+    """
+    checkpoint = folder / f"{snapshot.epoch:06d}"
+    if checkpoint.exists():
+        return checkpoint
+    draft = folder / f".draft-{checkpoint.name}"
+    shutil.rmtree(draft, ignore_errors=True)
+    draft.mkdir(parents=True)
+    arrays = _to_arrays(snapshot)
+    with ocp.PyTreeCheckpointer() as checkpointer:
+        checkpointer.save(draft.absolute() / "state", arrays)
+    description = {name: [str(x.dtype), x.shape, _checksum(x)] for name, x in arrays.items()}
+    (draft / "state.json").write_text(json.dumps(description, indent=0) + "\n")
+    files.write(draft, agent.models, agent.scale, agent.config, agent.body)
+    draft.rename(checkpoint)
+    for old in _saved(folder)[:-KEPT]:
+        periods, rest = divmod(int(old.name), period)
+        if rest or periods & (periods - 1):
+            shutil.rmtree(old)
+    return checkpoint
+
+
+def restore(folder: Path, config: Config, action_size: int) -> Snapshot | None:
+    """The latest checkpoint that is sound, or None where there is none at all.
+
+    Damaged ones are set aside, under another name, with a warning.
+
+    Raises:
+        EverystateError: there are checkpoints, but none is sound.
+    """
+    problem = None
+    for checkpoint in reversed(_saved(folder)):
+        try:
+            snapshot = _read(checkpoint, config, action_size)
+        # What Orbax raises depends on which of its files is damaged, and how.
+        except Exception as error:
+            problem = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+            warnings.warn(f"checkpoint {checkpoint} is damaged ({problem})", stacklevel=2)
+            continue
+        for damaged in _saved(folder):
+            if damaged.name > checkpoint.name:
+                _set_aside(damaged)
+        return snapshot
+    if problem:
+        raise EverystateError(
+            f"no checkpoint in {folder} is sound ({problem}): start anew in another --run-dir"
+        )
+    return None
+
+
+def _read(checkpoint: Path, config: Config, action_size: int) -> Snapshot:
+    description = json.loads((checkpoint / "state.json").read_text())
+    expected = {
+        name: np.empty(shape, np.dtype(dtype)) for name, (dtype, shape, _) in description.items()
+    }
+    # As NumPy arrays: JAX would make 32 bits of the 64 of physics.
+    as_numpy = ocp.RestoreArgs(restore_type=np.ndarray)
+    with ocp.PyTreeCheckpointer() as checkpointer:
+        arrays = checkpointer.restore(
+            checkpoint.absolute() / "state",
+            args=ocp.args.PyTreeRestore(
+                expected, restore_args=jax.tree.map(lambda _: as_numpy, expected)
+            ),
+        )
+    for name, (_, _, checksum) in description.items():
+        if _checksum(arrays[name]) != checksum:
+            raise ValueError(f"{name} has another checksum than when it was written")
+    state_size = arrays["observations"].shape[-1]
+    return _from_arrays(arrays, skeleton(config, state_size, action_size))
+
+
+def _to_arrays(snapshot: Snapshot) -> dict[str, np.ndarray]:
+    agent = {
+        f"agent.{name}": jax.random.key_data(x) if _is_key(x) else x
+        for name, x in named_arrays(snapshot.agent).items()
+    }
+    env = {f"env.{name}": x for name, x in snapshot.env.items()}
+    rest = {"observations": snapshot.observations, "visited": snapshot.visited}
+    return {name: np.asarray(x) for name, x in (agent | env | rest).items()}
+
+
+def _from_arrays(arrays: Mapping[str, np.ndarray], expected: AgentState) -> Snapshot:
+    def under(prefix: str) -> dict[str, np.ndarray]:
+        return {n.removeprefix(prefix): x for n, x in arrays.items() if n.startswith(prefix)}
+
+    agent = {name: jnp.asarray(x) for name, x in under("agent.").items()}
+    for name, x in named_arrays(expected).items():
+        if _is_key(x):
+            agent[name] = jax.random.wrap_key_data(agent[name])
+    return Snapshot(
+        with_arrays(expected, agent), under("env."), arrays["observations"], arrays["visited"]
+    )
+
+
+def _saved(folder: Path) -> list[Path]:
+    return sorted(folder.glob("[0-9]*"))
+
+
+def _set_aside(checkpoint: Path) -> None:
+    names = (checkpoint.with_name(f"damaged-{checkpoint.name}-{i}") for i in range(1, 1000))
+    checkpoint.rename(next(name for name in names if not name.exists()))
+
+
+def _checksum(array: np.ndarray) -> int:
+    return zlib.crc32(np.ascontiguousarray(array).tobytes())
+
+
+def _is_key(leaf: Any) -> bool:
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)

@@ -1,0 +1,119 @@
+"""Collection: bodies that act, first at random and then as the agent says."""
+
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import gymnasium
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32
+
+from everystate.algorithm import AgentState, Scale
+from everystate.config import Config
+from everystate.envs import MujocoVectorEnv
+from everystate.learning.replay import Transitions
+from everystate.training import coverage
+from everystate.training.checkpoint import Snapshot
+from everystate.training.learner import Learner, begin
+
+MAX_SAMPLES = 500
+
+
+class Steps(NamedTuple):
+    """An epoch of transitions as the bodies saw them, in their own units."""
+
+    observations: Float32[np.ndarray, "steps bodies s"]
+    actions: Float32[np.ndarray, "steps bodies a"]
+    next_observations: Float32[np.ndarray, "steps bodies s"]
+
+
+def warm_up(config: Config, env: MujocoVectorEnv) -> Snapshot:
+    """A new run: uniformly random actions (Algorithm 1 needs some transitions), fresh models."""
+    rng = np.random.default_rng([config.seed, zlib.crc32(b"warm-up")])
+    observations, _ = env.reset(seed=config.seed)
+    taken = []
+    for _ in range(config.warmup_steps):
+        actions = rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+        next_observations = env.step(actions)[0]
+        taken.append((observations, actions, next_observations))
+        observations = next_observations
+    steps = _stacked(taken)
+    scale = Scale(jnp.asarray(env.centre), jnp.asarray(env.spread))
+    agent = begin(config, to_device(steps), scale)
+    visited = coverage.visit(coverage.no_cells(*bounds(env)), steps.next_observations, *bounds(env))
+    return Snapshot(agent, env.get_state(), observations, visited)
+
+
+def collect(
+    config: Config,
+    env: MujocoVectorEnv,
+    learner: Learner,
+    snapshot: Snapshot,
+    interrupted: Callable[[], bool],
+) -> tuple[AgentState, Steps] | None:
+    """One epoch of steps of all bodies; None if interrupted.
+
+    The snapshot stays as it is: an interrupted epoch can be forgotten.
+    """
+    agent, observations, taken = snapshot.agent, snapshot.observations, []
+    for _ in range(config.steps_per_epoch):
+        if interrupted():
+            return None
+        agent, actions = learner.act(agent, jnp.asarray(observations))
+        next_observations = env.step(np.asarray(actions))[0]
+        taken.append((observations, np.asarray(actions), next_observations))
+        observations = next_observations
+    return agent, _stacked(taken)
+
+
+def world_metrics(
+    config: Config, env: MujocoVectorEnv, steps: Steps, snapshot: Snapshot
+) -> dict[str, float]:
+    """What an epoch looked like from outside the agent."""
+    fell = env.falls(steps.observations, steps.next_observations)
+    count = config.warmup_steps + snapshot.epoch * config.steps_per_epoch
+    metrics = {
+        "steps": count * config.num_bodies,
+        "env/falls_per_1000": 1000 * float(fell.mean()),
+    }
+    if snapshot.visited.size:
+        metrics["coverage/cells"] = float(snapshot.visited.mean())
+    return metrics
+
+
+def save_samples(folder: Path, steps: Steps, snapshot: Snapshot) -> None:
+    """For pictures: some states of the epoch, every body's goal, and the cells visited so far."""
+    states = steps.next_observations.reshape(-1, steps.next_observations.shape[-1])
+    chosen = np.linspace(0, len(states) - 1, min(len(states), MAX_SAMPLES)).astype(int)
+    centre, spread = (np.asarray(x) for x in snapshot.agent.scale)
+    goals = np.asarray(snapshot.agent.episodes.goals) * spread + centre
+    folder.mkdir(exist_ok=True)
+    np.savez_compressed(
+        folder / f"{snapshot.epoch:06d}.npz",
+        next_observations=states[chosen],
+        goals=goals,
+        visited=snapshot.visited,
+    )
+
+
+def bounds(env: MujocoVectorEnv) -> tuple[Float32[np.ndarray, " s"], Float32[np.ndarray, " s"]]:
+    """The lowest and highest state of the body."""
+    space = env.single_observation_space
+    assert isinstance(space, gymnasium.spaces.Box)
+    return space.low, space.high
+
+
+def action_size(env: MujocoVectorEnv) -> int:
+    """Number of components of an action."""
+    return env.action_space.shape[-1] if env.action_space.shape else 0
+
+
+def to_device(steps: Steps) -> Transitions:
+    """What the algorithm takes."""
+    return Transitions(*map(jnp.asarray, steps))
+
+
+def _stacked(taken: list[tuple[np.ndarray, ...]]) -> Steps:
+    return Steps(*(np.stack(column) for column in zip(*taken, strict=True)))

@@ -1,0 +1,66 @@
+"""The algorithm's functions, compiled once for a run."""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from everystate import algorithm
+from everystate.agent import named_arrays
+from everystate.algorithm import AgentState, Models, Scale
+from everystate.config import Config
+from everystate.learning.keys import named
+from everystate.learning.replay import Transitions
+
+
+class Learner(NamedTuple):
+    """`act`, `observe` and `update` of the algorithm, for one config."""
+
+    act: Callable[[AgentState, Float[Array, "bodies s"]], tuple[AgentState, Array]]
+    observe: Callable[[AgentState, Transitions], AgentState]
+    update: Callable[[AgentState], tuple[AgentState, dict[str, Float[Array, ""]]]]
+    """Its argument is used up: the new state takes over its memory."""
+
+
+def compiled(config: Config) -> Learner:
+    """Compiles on first use; never again, because states keep their shapes and dtypes."""
+    return Learner(
+        act=eqx.filter_jit(lambda state, observations: algorithm.act(config, state, observations)),
+        observe=eqx.filter_jit(lambda state, steps: algorithm.observe(config, state, steps)),
+        update=eqx.filter_jit(lambda state: algorithm.update(config, state), donate="all"),
+    )
+
+
+def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
+    """The state before the first epoch."""
+    key = named(jax.random.key(config.seed), "agent")
+    make = eqx.filter_jit(lambda warmup, scale, key: algorithm.init(config, warmup, scale, key=key))
+    # Own memory for every array, or `update` could not take it over, and no weak dtypes, which
+    # would make the first epoch's functions other ones than the second's.
+    return jax.tree.map(_own, make(warmup, scale, key))
+
+
+def _own(leaf):
+    if not eqx.is_array(leaf) or jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        return leaf
+    return jnp.array(leaf, leaf.dtype)
+
+
+def first_not_finite(metrics: Mapping[str, float], models: Models) -> str | None:
+    """The name of the first metric or array of the models with a NaN or an infinity, if any."""
+    for name, value in metrics.items():
+        if not abs(value) < float("inf"):
+            return f"metric {name} is {value}"
+    arrays = named_arrays(models)
+    for name, finite in zip(arrays, jax.device_get(_finite(list(arrays.values()))), strict=True):
+        if not finite:
+            return f"the model's {name} has a value that is not finite"
+    return None
+
+
+@eqx.filter_jit
+def _finite(arrays: list[Array]) -> list[Bool[Array, ""]]:
+    return [jnp.isfinite(x).all() for x in arrays]

@@ -1,0 +1,95 @@
+"""What a run says of itself: metrics.jsonl, TensorBoard, and a progress bar or plain lines."""
+
+import json
+import sys
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Literal, Self
+
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from tensorboardX import SummaryWriter
+
+from everystate.training.rundir import write_atomically
+
+Show = Literal["bar", "plain", "nothing"]
+_PLAIN_LINES = 20  # About how many a whole run prints.
+
+
+def read_metrics(folder: Path) -> list[dict[str, float]]:
+    """The epochs of a run's metrics.jsonl; a last line that was cut short is left out."""
+    epochs = []
+    path = folder / "metrics.jsonl"
+    for line in path.read_text().splitlines() if path.exists() else []:
+        try:
+            epochs.append(json.loads(line))
+        except ValueError:
+            break
+    return epochs
+
+
+class Log:
+    """Writes an epoch's metrics wherever they are wanted. A context manager.
+
+    On resuming, what was logged after the checkpoint is dropped, so that the files are those of an
+    uninterrupted run, times apart.
+    """
+
+    def __init__(self, folder: Path, *, done: int, epochs: int, show: Show) -> None:
+        """`done` of `epochs` epochs lie behind; `show` says what appears on the screen."""
+        kept = [line for line in read_metrics(folder) if line["epoch"] <= done]
+        text = "".join(json.dumps(line) + "\n" for line in kept)
+        write_atomically(folder / "metrics.jsonl", text)
+        self.elapsed_before = kept[-1]["time/elapsed_s"] if kept else 0.0
+        self._epochs, self._done, self._show = epochs, done, show
+        self._file = (folder / "metrics.jsonl").open("a", buffering=1)
+        self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1)
+        self._bar = Progress(
+            TextColumn("epoch {task.completed:.0f}/{task.total:.0f}"),
+            BarColumn(),
+            TextColumn("{task.fields[status]}"),
+            TimeRemainingColumn(),
+            disable=show != "bar",
+        )
+        self._task = self._bar.add_task("", total=epochs, completed=done, status="compiling")
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(self._file)
+            stack.callback(self._board.close)
+            stack.enter_context(self._bar)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._stack.close()
+
+    def epoch(self, metrics: Mapping[str, float]) -> None:
+        """Logs one epoch; `metrics` has `epoch` and `steps` among its names."""
+        self._file.write(json.dumps(metrics, allow_nan=False) + "\n")
+        epoch = int(metrics["epoch"])
+        for name, value in metrics.items():
+            if name != "epoch":
+                self._board.add_scalar(name, value, epoch)
+        status = (
+            f"{int(metrics['steps']):,} steps, {metrics['time/updates_per_s']:.0f} updates/s, "
+            f"{100 * metrics['episode/reached']:.0f} % of goals reached"
+        )
+        self._bar.update(self._task, completed=epoch, status=status)
+        every = max(1, self._epochs // _PLAIN_LINES)
+        if self._show == "plain" and (epoch % every == 0 or epoch == self._epochs):
+            print(f"epoch {epoch}/{self._epochs}: {status}", flush=True)
+
+    def say(self, message: str) -> None:
+        """A line for whoever watches."""
+        if self._show == "bar":
+            self._bar.console.print(message, highlight=False, markup=False, soft_wrap=True)
+        elif self._show == "plain":
+            print(message, flush=True)
+
+
+def shown(progress: bool | Literal["plain"]) -> Show:
+    """What to show: a bar only where there is a screen to draw it on."""
+    if progress is False:
+        return "nothing"
+    return "bar" if progress is True and sys.stdout.isatty() else "plain"

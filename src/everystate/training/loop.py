@@ -1,0 +1,160 @@
+"""The training loop: a schedule of collection, learning, logging and checkpoints."""
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+
+from everystate import envs
+from everystate.agent import Agent, BodyInfo
+from everystate.config import Config
+from everystate.config import preset as preset_of
+from everystate.envs import MujocoVectorEnv
+from everystate.errors import EverystateError
+from everystate.training import checkpoint, coverage
+from everystate.training.checkpoint import Snapshot
+from everystate.training.collection import (
+    action_size,
+    bounds,
+    collect,
+    save_samples,
+    to_device,
+    warm_up,
+    world_metrics,
+)
+from everystate.training.learner import compiled, first_not_finite
+from everystate.training.logging import Log, shown
+from everystate.training.rundir import default_run_dir, open_run, preset_name
+
+
+def train(
+    config_or_body: Config | str,
+    *,
+    preset: str = "quick",
+    run_dir: str | Path | None = None,
+    progress: bool | Literal["plain"] = True,
+    **overrides: Any,
+) -> Path:
+    """Trains an agent, or goes on with a run that was interrupted, and returns the run's folder.
+
+    The same call resumes from the last checkpoint and ends in the same agent, bit for bit, as if
+    there had been no interruption. A finished run is left as it is. Ctrl-C saves the run as it was
+    after its last whole epoch and raises KeyboardInterrupt; a second one gives up at once.
+
+    Args:
+        config_or_body: a `Config`, or the name of a body to be learned under `preset`.
+        preset: see `everystate.preset`; unused with a `Config`.
+        run_dir: the run's folder, by default `runs/BODY-PRESET-seedSEED`.
+        progress: a bar on a terminal and plain lines elsewhere; "plain" lines; or False, nothing.
+        **overrides: fields of the config to change.
+
+    Raises:
+        EverystateError: a wrong name or value, a run folder that is foreign, of another config or
+            in use, or a run that stopped being finite. Nothing is lost or overwritten.
+    """
+    if isinstance(config_or_body, Config):
+        config = preset_of("quick", **(asdict(config_or_body) | overrides))
+        preset = preset_name(config)
+    else:
+        config = preset_of(preset, config_or_body, **overrides)
+    env = envs.make(config.body, config.num_bodies, config.seed)
+    with open_run(Path(run_dir or default_run_dir(config, preset)), config) as folder:
+        snapshot = checkpoint.restore(folder / "checkpoints", config, action_size(env))
+        done = snapshot.epoch if snapshot else 0
+        with (
+            _interrupts() as interrupted,
+            Log(folder, done=done, epochs=config.epochs, show=shown(progress)) as log,
+        ):
+            _run(config, env, folder, snapshot, log, interrupted)
+    return folder
+
+
+def _run(
+    config: Config,
+    env: MujocoVectorEnv,
+    folder: Path,
+    snapshot: Snapshot | None,
+    log: Log,
+    interrupted: Callable[[], bool],
+) -> None:
+    start = time.perf_counter() - log.elapsed_before
+    if snapshot is None:
+        log.say(f"training in {folder}")
+        snapshot = warm_up(config, env)
+    elif snapshot.epoch == config.epochs:
+        return log.say(f"{folder} is finished: nothing to do")
+    else:
+        log.say(f"resuming {folder} after epoch {snapshot.epoch}")
+        env.set_state(snapshot.env)
+    learner = compiled(config)
+
+    while snapshot.epoch < config.epochs:
+        epoch, before = snapshot.epoch + 1, time.perf_counter()
+        collected = collect(config, env, learner, snapshot, interrupted)
+        if collected is None:
+            saved = _save(config, env, folder, snapshot)
+            log.say(f"stopped; {saved} holds the run after epoch {epoch - 1}")
+            raise KeyboardInterrupt
+        agent, steps = collected
+        agent = learner.observe(agent, to_device(steps))
+        jax.block_until_ready(agent.replay.size)
+
+        between = time.perf_counter()
+        agent, learned = learner.update(agent)
+        metrics = {name: float(value) for name, value in jax.device_get(learned).items()}
+        after = time.perf_counter()
+        if problem := first_not_finite(metrics, agent.models):
+            raise EverystateError(
+                f"training stopped in epoch {epoch}: {problem}. The last good checkpoint is kept in"
+                f" {folder / 'checkpoints'}; try a lower learning_rate or gradient_clip"
+            )
+
+        visited = coverage.visit(snapshot.visited, steps.next_observations, *bounds(env))
+        snapshot = Snapshot(agent, env.get_state(), steps.next_observations[-1], visited)
+        metrics |= world_metrics(config, env, steps, snapshot)
+        metrics |= {
+            "time/collect_s": between - before,
+            "time/update_s": after - between,
+            "time/updates_per_s": config.num_updates / (after - between),
+            "time/elapsed_s": after - start,
+        }
+        log.epoch({"epoch": epoch, **metrics})
+        if epoch % config.checkpoint_period == 0 or epoch == config.epochs:
+            save_samples(folder / "samples", steps, snapshot)
+            _save(config, env, folder, snapshot)
+    log.say(f"finished: {folder}")
+    if interrupted():
+        raise KeyboardInterrupt
+
+
+def _save(config: Config, env: MujocoVectorEnv, folder: Path, snapshot: Snapshot) -> Path:
+    body = BodyInfo(tuple(env.state_names), action_size(env))
+    agent = Agent(snapshot.agent.models, snapshot.agent.scale, config, body)
+    return checkpoint.save(folder / "checkpoints", snapshot, agent, config.checkpoint_period)
+
+
+@contextmanager
+def _interrupts() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed; the second time it does what it did before."""
+    pressed = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield pressed.is_set  # Signals are the main thread's affair.
+        return
+
+    def first(*_: object) -> None:
+        pressed.set()
+        signal.signal(signal.SIGINT, previous)
+        print("\nstopping as soon as the run can be saved; again to give up", file=sys.stderr)
+
+    previous = signal.signal(signal.SIGINT, first)
+    try:
+        yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, previous)

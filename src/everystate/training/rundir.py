@@ -1,0 +1,111 @@
+"""The folder of a run: whose it is, that only one process writes to it, that nothing is lost.
+
+config.json       the config, and the versions that it ran with
+metrics.jsonl     one JSON object per epoch
+tensorboard/      the same for TensorBoard
+checkpoints/N/    everything after N epochs, and the agent as it then was
+samples/N.npz     some visited states, the goals and the cells visited, for pictures
+"""
+
+import fcntl
+import json
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from everystate.agent import config_to_json
+from everystate.config import PRESETS, Config, preset
+from everystate.errors import EverystateError
+
+FORMAT = 1
+_LOCK = ".lock"
+_PACKAGES = ("everystate", "jax", "jaxlib", "equinox", "flowjax", "optax", "mujoco", "numpy")
+
+
+def default_run_dir(config: Config, preset_name: str) -> Path:
+    """runs/BODY-PRESET-seedSEED."""
+    body = re.sub(r"[^\w.-]+", "-", config.body)
+    return Path("runs") / f"{body}-{preset_name}-seed{config.seed}"
+
+
+def preset_name(config: Config) -> str:
+    """The preset that a config is, or "custom"."""
+    for name in PRESETS:
+        if preset(name, config.body, seed=config.seed) == config:
+            return name
+    return "custom"
+
+
+@contextmanager
+def open_run(folder: Path, config: Config) -> Iterator[Path]:
+    """Claims a run folder, new or begun by the same config, for this process.
+
+    Raises:
+        EverystateError: it is foreign, of another config, or in use; nothing is written then.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise EverystateError(f"{folder} is a file: choose another --run-dir")
+    ours = (folder / "config.json").exists()
+    if not ours and folder.exists() and any(p.name != _LOCK for p in folder.iterdir()):
+        raise EverystateError(
+            f"{folder} is not empty and is no run: choose another --run-dir or an empty folder"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / _LOCK).open("w")
+    except OSError as error:
+        raise EverystateError(f"cannot write to {folder}: {error.strerror}") from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise EverystateError(
+                f"{folder} is in use by another process: wait for it or choose another --run-dir"
+            ) from error
+        # Only now: the other process may have made it a run.
+        if (folder / "config.json").exists():
+            _require_same(folder, config)
+        else:
+            description = {
+                "format": FORMAT,
+                "config": config_to_json(config),
+                "versions": {name: version(name) for name in _PACKAGES},
+            }
+            write_atomically(folder / "config.json", json.dumps(description, indent=2) + "\n")
+        yield folder
+
+
+def _require_same(folder: Path, config: Config) -> None:
+    try:
+        description = json.loads((folder / "config.json").read_text())
+        found, format_found = description["config"], description["format"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise EverystateError(
+            f"{folder / 'config.json'} cannot be read ({error}): choose another --run-dir"
+        ) from error
+    if format_found != FORMAT:
+        raise EverystateError(
+            f"{folder} has format {format_found} and this everystate writes format {FORMAT}: "
+            f"choose another --run-dir"
+        )
+    wanted = config_to_json(config)
+    differing = [
+        f"{name} {found.get(name)} there and {wanted.get(name)} here"
+        for name in [*wanted, *sorted(found.keys() - wanted.keys())]
+        if found.get(name) != wanted.get(name)
+    ]
+    if differing:
+        raise EverystateError(
+            f"{folder} holds a run of another config ({'; '.join(differing)}): choose another"
+            f" --run-dir, or the same config to go on with it"
+        )
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Either the old file or the whole new one is there, whatever happens."""
+    draft = path.with_name(f".{path.name}.draft")
+    draft.write_text(text)
+    os.replace(draft, path)
