@@ -2,6 +2,7 @@
 
 from everystate.agent.agent import Agent, load
 from everystate.agent.arrays import named_arrays, skeleton, with_arrays
+from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import BodyInfo, config_from_json, config_to_json
 
 __all__ = [
@@ -9,6 +10,7 @@ __all__ = [
     "BodyInfo",
     "config_from_json",
     "config_to_json",
+    "keep_compiled_programs",
     "load",
     "named_arrays",
     "skeleton",

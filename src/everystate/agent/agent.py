@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Float32, PRNGKeyArray
 from numpy.typing import ArrayLike
 
 from everystate.agent import files
+from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import BodyInfo
 from everystate.algorithm import Models, Scale
 from everystate.config import Config
@@ -182,6 +183,7 @@ def load(path: str | Path) -> Agent:
     Raises:
         EverystateError: no agent there, a damaged one, or one of another version.
     """
+    keep_compiled_programs()
     folder = Path(path)
     if not folder.exists() and (SHIPPED / path).is_dir():
         folder = SHIPPED / path

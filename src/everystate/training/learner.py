@@ -1,5 +1,6 @@
 """The algorithm's functions, compiled once for a run."""
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ class Learner(NamedTuple):
     """Its argument is used up: the new state takes over its memory."""
 
 
+@functools.lru_cache(maxsize=4)
 def compiled(config: Config) -> Learner:
     """Compiles on first use; never again, because states keep their shapes and dtypes."""
     return Learner(

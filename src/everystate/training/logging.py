@@ -5,7 +5,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tensorboardX import SummaryWriter
@@ -53,7 +53,7 @@ class Log:
         )
         self._task = self._bar.add_task("", total=epochs, completed=done, status="compiling")
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Log":
         with ExitStack() as stack:
             stack.enter_context(self._file)
             stack.callback(self._board.close)

@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 import jax
 
-from everystate import envs
-from everystate.agent import Agent, BodyInfo
+from everystate import envs, evaluation
+from everystate.agent import Agent, BodyInfo, keep_compiled_programs
 from everystate.config import Config
 from everystate.config import preset as preset_of
 from everystate.envs import MujocoVectorEnv
@@ -64,6 +64,7 @@ def train(
         preset = preset_name(config)
     else:
         config = preset_of(preset, config_or_body, **overrides)
+    keep_compiled_programs()
     env = envs.make(config.body, config.num_bodies, config.seed)
     with open_run(Path(run_dir or default_run_dir(config, preset)), config) as folder:
         snapshot = checkpoint.restore(folder / "checkpoints", config, action_size(env))
@@ -119,6 +120,8 @@ def _run(
         visited = coverage.visit(snapshot.visited, steps.next_observations, *bounds(env))
         snapshot = Snapshot(agent, env.get_state(), steps.next_observations[-1], visited)
         metrics |= world_metrics(config, env, steps, snapshot)
+        if config.evaluation_period and epoch % config.evaluation_period == 0:
+            metrics |= _evaluation_metrics(_agent(config, env, snapshot))
         metrics |= {
             "time/collect_s": between - before,
             "time/update_s": after - between,
@@ -135,9 +138,18 @@ def _run(
 
 
 def _save(config: Config, env: MujocoVectorEnv, folder: Path, snapshot: Snapshot) -> Path:
-    body = BodyInfo(tuple(env.state_names), action_size(env))
-    agent = Agent(snapshot.agent.models, snapshot.agent.scale, config, body)
+    agent = _agent(config, env, snapshot)
     return checkpoint.save(folder / "checkpoints", snapshot, agent, config.checkpoint_period)
+
+
+def _agent(config: Config, env: MujocoVectorEnv, snapshot: Snapshot) -> Agent:
+    body = BodyInfo(tuple(env.state_names), action_size(env))
+    return Agent(snapshot.agent.models, snapshot.agent.scale, config, body)
+
+
+def _evaluation_metrics(agent: Agent) -> dict[str, float]:
+    success = evaluation.evaluate(agent, plan=False)["success"]
+    return {f"eval/success@0.5/{name}": region["0.5"]["last"] for name, region in success.items()}
 
 
 @contextmanager

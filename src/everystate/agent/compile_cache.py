@@ -1,0 +1,21 @@
+"""JAX's compiled programs, kept from one process to the next: compiling is most of a short run."""
+
+import os
+from pathlib import Path
+
+import jax
+from jax.experimental.compilation_cache import compilation_cache
+
+
+def keep_compiled_programs() -> None:
+    """Keeps them in $EVERYSTATE_CACHE, by default the user's cache folder.
+
+    A cache that was already chosen, by JAX_COMPILATION_CACHE_DIR or in code, stays the one used.
+    """
+    if jax.config.values["jax_compilation_cache_dir"] is not None:
+        return
+    default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "everystate"
+    folder = Path(os.environ.get("EVERYSTATE_CACHE") or default) / "jax"
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+    compilation_cache.reset_cache()  # JAX looks only once, and may have looked before.
