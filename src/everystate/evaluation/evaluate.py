@@ -105,13 +105,29 @@ def rollout(
     return np.stack(states)
 
 
+def scalars(result: Mapping[str, Any]) -> dict[str, float]:
+    """What a line of metrics.jsonl keeps of a result: success@0.5 at the last step, by region."""
+    kept = {"eval/success": result["success"], "eval/success_plan": result["success_plan"]}
+    found = {
+        f"{name}/{region}": row["0.5"]["last"]
+        for name, table in kept.items()
+        for region, row in (table or {}).items()
+    }
+    return found | {"eval/falls_per_1000": result["falls_per_1000_steps"]}
+
+
 def coverage(run: Path | None) -> dict[str, float] | None:
     """What the run's last line of metrics says of coverage; None without a run."""
-    path = run / "metrics.jsonl" if run is not None and run.is_dir() else None
+    path = run / "metrics.jsonl" if run is not None else None
     if path is None or not path.is_file():
         return None
-    last = json.loads(path.read_text().splitlines()[-1])
-    found = {name.partition("/")[2]: value for name, value in last.items() if "coverage/" in name}
+    found: dict[str, float] = {}
+    for line in path.read_text().splitlines():
+        try:
+            last = json.loads(line)
+        except ValueError:  # cut short, by a run that was killed or is going on
+            break
+        found = {n.removeprefix("coverage/"): x for n, x in last.items() if n[:9] == "coverage/"}
     return found or None
 
 

@@ -1,0 +1,162 @@
+"""Several runs in one figure, drawn from their result files alone.
+
+Of each run's folder it reads `metrics.jsonl` and, if it is there, `evaluation.json`.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from everystate.errors import EverystateError
+from everystate.training.logging import read_metrics
+from everystate.viewing.plots import (
+    COLOURS,
+    DASHES,
+    WIDTH,
+    columns,
+    smooth,
+    styled,
+    thousands,
+)
+
+Over = Literal["epoch", "steps", "minutes"]
+_LABELS: dict[Over, str] = {
+    "epoch": "epoch",
+    "steps": "control steps of all bodies",
+    "minutes": "minutes of training",
+}
+_MARKERS = "osD^vP*"
+
+Run = Mapping[str, Float[np.ndarray, " epochs"]]
+
+
+@styled
+def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "steps") -> Figure:
+    """Settings compared: coverage, training goals reached, and success by region.
+
+    A group is one setting, its runs the seeds: thin lines are single runs, thick ones their median.
+    A cross marks where a run ended before the longest of all. Success is a curve where runs were
+    evaluated while training (`eval/success/...`), otherwise a mark per run at its end.
+
+    Args:
+        groups: label -> run folders.
+        over: the x axis.
+    """
+    runs = {label: [_read(Path(folder)) for folder in folders] for label, folders in groups.items()}
+    finals = {label: [_final(Path(f)) for f in folders] for label, folders in groups.items()}
+    if not any(runs.values()):
+        raise EverystateError("no runs to compare")
+    regions = list(dict.fromkeys(r for group in finals.values() for f in group for r in f))
+    evaluated = list(
+        dict.fromkeys(
+            name.rpartition("/")[2]
+            for group in runs.values()
+            for run in group
+            for name in run
+            if name.startswith("eval/success/")
+        )
+    )
+    panels = {"coverage/cells": "cells visited", "episode/reached": "training goals reached"}
+    panels |= {f"eval/success/{region}": f"success, {region}" for region in evaluated}
+    bars = bool(regions) and not evaluated
+    rows = -(-(len(panels) + bars) // 2)
+    figure = Figure(figsize=(WIDTH, 2.5 * rows + 0.3))
+    grid = figure.subplots(rows, 2, squeeze=False).ravel()
+    longest = max(float(_axis(run, over)[-1]) for group in runs.values() for run in group)
+    for ax, (metric, title) in zip(grid, panels.items(), strict=False):
+        for i, (label, group) in enumerate(runs.items()):
+            _group(ax, [(_axis(run, over), run.get(metric)) for run in group], i, label, longest)
+        ax.set_title(title)
+        ax.set_xlabel(_LABELS[over])
+        ax.set_xlim(0, longest * 1.02)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+        if over == "steps":
+            ax.xaxis.set_major_formatter(FuncFormatter(thousands))
+        _percent(ax)
+    if bars:
+        _marks(grid[len(panels)], finals, regions)
+    for ax in grid[len(panels) + bars :]:
+        ax.set_axis_off()
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(groups))
+    return figure
+
+
+def _read(folder: Path) -> dict[str, Float[np.ndarray, " epochs"]]:
+    found = columns(read_metrics(folder))
+    if "epoch" not in found:
+        raise EverystateError(f"{folder} has no metrics.jsonl with an epoch in it")
+    return found
+
+
+def _final(folder: Path) -> dict[str, float]:
+    """Success@0.5 at the last step by region, from the run's evaluation.json; empty without."""
+    path = folder / "evaluation.json"
+    if not path.exists():
+        return {}
+    result: dict[str, Any] = json.loads(path.read_text())
+    return {region: row["0.5"]["last"] for region, row in result["success"].items()}
+
+
+def _axis(run: Run, over: Over) -> Float[np.ndarray, " epochs"]:
+    return run["time/elapsed_s"] / 60 if over == "minutes" else run[over]
+
+
+def _group(
+    ax: Axes,
+    curves: Sequence[tuple[np.ndarray, np.ndarray | None]],
+    index: int,
+    label: str,
+    longest: float,
+) -> None:
+    colour, dashes = COLOURS[index % len(COLOURS)], DASHES[index % len(DASHES)]
+    known = []
+    for x, y in curves:
+        keep = np.zeros(0, dtype=int) if y is None else np.flatnonzero(np.isfinite(y))
+        if y is None or not keep.size:
+            continue
+        x, y = x[keep], smooth(y[keep])
+        known.append((x, y))
+        ax.plot(x, y, color=colour, linestyle="-", linewidth=0.7, alpha=0.45)
+        if x[-1] < 0.97 * longest:
+            ax.plot(x[-1], y[-1], marker="x", color=colour, linestyle="none", markersize=5)
+    if known:
+        # The median of what is still running: a run that stopped early says nothing beyond its end.
+        common = np.linspace(0, longest, 300)
+        lines = [np.interp(common, x, y, left=np.nan, right=np.nan) for x, y in known]
+        alive = np.isfinite(lines).any(axis=0)
+        median = np.nanmedian(np.array(lines)[:, alive], axis=0)
+        ax.plot(common[alive], median, color=colour, linestyle=dashes, linewidth=2.0, label=label)
+
+
+def _marks(
+    ax: Axes, finals: Mapping[str, Sequence[Mapping[str, float]]], regions: Sequence[str]
+) -> None:
+    """Per region and group a mark for each run and a bar at their median."""
+    width = 0.8 / len(finals)
+    for i, group in enumerate(finals.values()):
+        colour, marker = COLOURS[i % len(COLOURS)], _MARKERS[i % len(_MARKERS)]
+        for at, region in enumerate(regions):
+            values = [final[region] for final in group if region in final]
+            if not values:
+                continue
+            x = at + (i - (len(finals) - 1) / 2) * width
+            spread = x + width * 0.5 * (np.arange(len(values)) / max(1, len(values) - 1) - 0.5)
+            ax.plot(spread, values, marker, color=colour, markersize=4, linestyle="none", alpha=0.8)
+            ax.hlines(np.median(values), x - 0.4 * width, x + 0.4 * width, color=colour, lw=2.2)
+    ax.set_xticks(range(len(regions)), regions)
+    ax.set_title("success@0.5 at the last step, when finished")
+    ax.grid(axis="x", visible=False)
+    _percent(ax)
+
+
+def _percent(ax: Axes) -> None:
+    ax.set_ylim(-0.03, 1.03)
+    ax.set_yticks(np.linspace(0, 1, 6), [f"{p} %" for p in range(0, 101, 20)])

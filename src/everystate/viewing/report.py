@@ -1,0 +1,212 @@
+"""The report of a run: one page that needs nothing else, and the same pictures as PNG files."""
+
+import base64
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from everystate.agent import load
+from everystate.envs import MujocoVectorEnv, make
+from everystate.errors import EverystateError
+from everystate.evaluation import suites
+from everystate.training.logging import read_metrics
+from everystate.viewing import maps, page, plots
+from everystate.viewing.film import filmstrip
+
+
+class Picture(NamedTuple):
+    """A figure of the report."""
+
+    name: str
+    """Its file is NAME.png."""
+    title: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+def report(
+    run_dir: Path | str, result: Mapping[str, Any], *, agent: maps.Explorer | None = None
+) -> Path:
+    """Writes `report/index.html` and its PNGs into the run's folder and returns the page's path.
+
+    Args:
+        run_dir: a run's folder, with its metrics, samples and checkpoints.
+        result: what `everystate.evaluation.evaluate` returned.
+        agent: the run's agent, where it has been loaded already.
+
+    A picture that cannot be drawn is replaced by a line that says why; other files in the folder
+    are left as they are.
+    """
+    run_dir = Path(run_dir)
+    agent = load(run_dir) if agent is None else agent
+    folder = run_dir / "report"
+    folder.mkdir(exist_ok=True)
+    shown: list[page.Shown] = []
+    for picture in pictures(run_dir, result, agent):
+        path = folder / f"{picture.name}.png"
+        try:
+            plots.save(picture.draw(), path)
+            data = base64.b64encode(path.read_bytes()).decode()
+            shown.append(page.Shown(picture.title, picture.caption, data))
+        except EverystateError as error:
+            path.unlink(missing_ok=True)  # an older one would be taken for this run's
+            shown.append(page.Shown(picture.title, f"Not drawn: {error}", None))
+    target = folder / "index.html"
+    target.write_text(page.page(run_dir.resolve().name, result, shown), encoding="utf-8")
+    return target
+
+
+def pictures(run_dir: Path, result: Mapping[str, Any], agent: maps.Explorer) -> list[Picture]:
+    """All pictures there are for this run, in the order of the page."""
+    env = make(agent.config.body, 1, 0)
+    suite = suites.load(agent.config.body)
+    found = [
+        Picture(
+            "success",
+            "Goals reached",
+            f"Share of {result['goals']} fixed goals that the agent is near to at its last step,"
+            " by where the goal lies. σ is the spread of each component over the body's world.",
+            lambda: plots.success_by_region(result),
+        ),
+        Picture(
+            "filmstrip",
+            "On its way",
+            "From a start to a goal (green ghost) of the suite, under the body's own noise, until"
+            " the body is within 0.5 σ of it: a task of median duration among those it holds.",
+            lambda: filmstrip(agent, env, suite, planning=bool(result["success_plan"])),
+        ),
+    ]
+    return found + on_the_map(run_dir, agent, env, suite) + over_time(run_dir)
+
+
+def over_time(run_dir: Path) -> list[Picture]:
+    """Curves of the training, from metrics.jsonl."""
+    columns = plots.columns(read_metrics(run_dir))
+    if "steps" not in columns:
+        return []
+    if "episode/ended" in columns:  # an epoch in which none ended says nothing of episodes
+        for name in ("episode/length", "episode/reached"):
+            columns[name] = np.where(columns["episode/ended"] > 0, columns[name], np.nan)
+    models = {"f": "states", "d": "dynamics", "pi": "policy", "c": "curriculum", "V": "value"}
+    curves: dict[str, tuple[str, str, list[tuple[str, dict[str, str]]], dict[str, Any]]] = {
+        "coverage": (
+            "Exploration",
+            "Share of the cells of a fixed grid over the body's bounds that were ever visited, and"
+            " falls while training.",
+            [
+                ("cells visited", {"coverage/cells": ""}),
+                ("falls per 1,000 steps", {"env/falls_per_1000": ""}),
+            ],
+            {"share": [0]},
+        ),
+        "episodes": (
+            "Episodes",
+            "Episodes end when V has stopped rising; a goal counts as reached when the body came"
+            " near it at any step. Goals are the least likely of those the agent imagined: as it"
+            " learns it sets itself harder ones.",
+            [
+                ("steps per episode", {"episode/length": ""}),
+                ("training goals reached", {"episode/reached": ""}),
+            ],
+            {"share": [1]},
+        ),
+        "replay": (
+            "Effective sample sizes",
+            "How many items of each buffer a draw is spread over, (Σw)²/Σw². Near 1 the learner"
+            " would see the same item again and again.",
+            [
+                (
+                    "effective number of items",
+                    {
+                        "replay/ess_states": "states",
+                        "replay/ess_goals": "goals",
+                        "replay/ess_transitions": "transitions",
+                        "replay/size": "buffer size",
+                    },
+                )
+            ],
+            {"log": True, "columns": 1},
+        ),
+        "targets": (
+            "Value targets",
+            "About minus the number of steps to the goal: mean and least of the targets of V in"
+            " each epoch.",
+            [("V target", {"value/target": "mean", "value/target_min": "least"})],
+            {"columns": 1},
+        ),
+        "losses": (
+            "Losses",
+            "Negative log-likelihoods of the four flows (nats) and the squared error of V.",
+            [(f"{n}: {what}", {f"loss/{n}": ""}) for n, what in models.items()],
+            {"columns": 3},
+        ),
+    }
+    return [
+        Picture(name, title, caption, lambda p=panels, o=options: plots.over_time(columns, p, **o))
+        for name, (title, caption, panels, options) in curves.items()
+        if any(metric in columns for _, panel in panels for metric in panel)
+    ]
+
+
+def on_the_map(
+    run_dir: Path, agent: maps.Explorer, env: MujocoVectorEnv, suite: suites.Suite
+) -> list[Picture]:
+    """Pictures of the state space, for bodies whose state is a place on a map."""
+    if not maps.drawable(env):
+        return []
+    goals = middle_goals(env, suite)
+    last = list(goals)[-1]
+    found = [
+        Picture(
+            "values",
+            "How far it thinks it is",
+            "Steps to the goal (star), −V(s, g), from every state. Solid lines are cliffs, dotted"
+            " ones the foot and the top of the ramp.",
+            lambda: maps.value_maps(agent, env, goals),
+        ),
+        Picture(
+            "policy",
+            "What it does",
+            f"Actions on the way to one goal on the {last} (star): the policy at z = 0, and the"
+            " best of a few actions by one step of lookahead.",
+            lambda: maps.policy_arrows(agent, env, goals[last], batch=len(suite.goals)),
+        ),
+    ]
+    samples = sorted((run_dir / "samples").glob("*.npz"))
+    if samples:
+        with np.load(samples[-1]) as arrays:
+            visited, training = arrays["next_observations"], arrays["goals"]
+        cloud = Picture(
+            "goals",
+            "What it wants to try",
+            f"Left: states visited in epoch {int(samples[-1].stem)} and the goals of that time."
+            " Right: goals the agent proposes to itself now, each the least likely of those it"
+            " imagined. The grey frame is where the body can be.",
+            lambda: maps.goal_cloud(agent, env, visited, training),
+        )
+        found.append(cloud)
+    return found
+
+
+def middle_goals(
+    env: MujocoVectorEnv, suite: suites.Suite
+) -> dict[str, Float[np.ndarray, " state"]]:
+    """Of each region the suite's goal nearest to the middle of all."""
+    regions = env.regions(suite.goals)
+    found = {}
+    for name in dict.fromkeys(regions.tolist()):
+        goals = suite.goals[regions == name]
+        found[name] = goals[((goals - goals.mean(axis=0)) ** 2).sum(axis=1).argmin()]
+    return found
+
+
+def save_result(run_dir: Path, result: Mapping[str, Any]) -> Path:
+    """Keeps an evaluation beside the run it is of, for figures over several runs."""
+    path = run_dir / "evaluation.json"
+    path.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+    return path
