@@ -42,6 +42,8 @@ class Config:
     """How N returns become one score: a percentile (paper: the 0th, the min) or the mean."""
     percentile: float = 0.0
     """Which percentile of the N returns; 0 is the min, 100 the max."""
+    target: Literal["mean", "score"] = "mean"
+    """v_targ from the N returns of a_best: their mean (paper) or the score that chose it [D13]."""
     gradient_step: float = 1.0
     """Length factor of the candidates' step along the gradient of r + V_targ."""
     max_gradient_step: float = math.inf

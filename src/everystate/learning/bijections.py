@@ -3,12 +3,14 @@
 Both read in the direction of f_enc: `transform` takes data towards the latent space.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from flowjax.bijections import AbstractBijection, Chain, Invert, Scan
 from jax.scipy.linalg import lu
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 
 def _unit_triangular_inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
@@ -82,7 +84,7 @@ class PLDU(AbstractBijection):
         y = _unit_triangular_inverse(lower) @ y / scale
         return _unit_triangular_inverse(upper) @ y, -self.log_d.sum()
 
-    def elementwise_parameters(self) -> list[Float[Array, " n"]]:
+    def elementwise_parameters(self) -> list[Any]:
         """What a conditional flow sets per condition (B.1)."""
         return [self.log_d, self.shift] if self.shifted else [self.log_d]
 
@@ -123,7 +125,7 @@ class SmoothPReLU(AbstractBijection):
         outside = jnp.where(y < 0, y / alpha, y / beta)
         return jnp.where(inside, 2 * (middle - a) / (b + slope), outside), -jnp.log(slope).sum()
 
-    def elementwise_parameters(self) -> list[Float[Array, " n"]]:
+    def elementwise_parameters(self) -> list[Any]:
         """What a conditional flow sets per condition (B.1)."""
         return [self.log_alpha, self.log_beta]
 
@@ -145,7 +147,7 @@ def pldu_encoder(
     def matrix(key: PRNGKeyArray) -> PLDU:
         return PLDU(size, shifted=shifted, key=key)
 
-    def pair(keys: PRNGKeyArray) -> Chain:
+    def pair(keys: Key[Array, "2"]) -> Chain:
         even = Invert(SmoothPReLU(size)) if alternate else SmoothPReLU(size)
         return Chain([matrix(keys[0]), even, matrix(keys[1]), SmoothPReLU(size)])
 

@@ -5,9 +5,10 @@ A conditional flow is a network that, given its condition, returns a distributio
 are drawn or scored.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from flowjax import flows as flowjax_flows
 from flowjax.bijections import AbstractBijection, Invert, RationalQuadraticSpline
 from flowjax.distributions import AbstractTransformed, StandardNormal, Transformed
@@ -84,7 +85,7 @@ class ConditionalFlow(eqx.Module):
         return Transformed(StandardNormal(encoder.shape), Invert(encoder))
 
 
-def _elementwise_parameters(tree: AbstractBijection) -> list[Float[Array, "..."]]:
+def _elementwise_parameters(tree: Any) -> list[Any]:  # Also of tree_at's stand-ins.
     def ours(node: object) -> bool:
         return isinstance(node, PLDU | SmoothPReLU)
 
@@ -145,7 +146,7 @@ def _flowjax_bijection(
 ) -> AbstractBijection:
     base = StandardNormal((size,))
     shared = {"base_dist": base, "cond_dim": condition_size, "flow_layers": layers, "invert": True}
-    spline = RationalQuadraticSpline(knots=8, interval=4)
+    spline = RationalQuadraticSpline(knots=8, interval=4.0)
     match family:
         case "coupling-affine":
             return flowjax_flows.coupling_flow(key, **shared).bijection

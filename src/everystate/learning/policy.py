@@ -97,11 +97,12 @@ def improve(
         return jax.vmap(lambda z, e: imagined(dynamics, z, e))(rollouts, sensor)
 
     outcomes, next_states = jax.vmap(returns)(candidates)
-    best = jnp.argmax(score(config, outcomes))
+    scores = score(config, outcomes)
+    best = jnp.argmax(scores)
     is_policy = (best % (2 * config.j)) < config.j
     return Improvement(
         candidates[best],
-        outcomes[best].mean(),
+        outcomes[best].mean() if config.target == "mean" else scores[best],
         is_policy.astype(state.dtype),
         jnp.abs(next_states).max(),
     )

@@ -5,12 +5,15 @@ so one ring holds the items and three vectors hold the weights, as logs: in floa
 weights 1/p_f underflow.
 """
 
+import math
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from everystate.config import Config
+from everystate.learning.keys import named
 
 
 class Transitions(NamedTuple):
@@ -21,7 +24,7 @@ class Transitions(NamedTuple):
     next_observations: Float[Array, "*batch s"]
 
 
-class Replay(eqx.Module):
+class Replay(NamedTuple):
     """The ring. Slots not yet filled have log-weight -inf."""
 
     transitions: Transitions
@@ -67,8 +70,7 @@ def add(
 
 def decay_states(replay: Replay, half_life: float) -> Replay:
     """Downweights all states by 0.5^(1/h), once per epoch (Algorithm 1)."""
-    decayed = replay.state_log_weights - jnp.log(2.0) / half_life
-    return eqx.tree_at(lambda r: r.state_log_weights, replay, decayed)
+    return replay._replace(state_log_weights=replay.state_log_weights - math.log(2) / half_life)
 
 
 def median(log_weights: Float[Array, " capacity"]) -> Float[Array, ""]:
@@ -79,11 +81,12 @@ def median(log_weights: Float[Array, " capacity"]) -> Float[Array, ""]:
 
 
 def temper(
-    log_weights: Float[Array, " capacity"], centre: Float[Array, ""], *, power: float, clip: float
+    config: Config, log_weights: Float[Array, " capacity"], centre: Float[Array, ""]
 ) -> Float[Array, " capacity"]:
-    """Log-weights to the given power, held within `clip` nats of `centre` [D1]."""
-    tempered = jnp.clip(power * (log_weights - centre), -clip, clip)
-    return jnp.where(jnp.isneginf(log_weights), -jnp.inf, tempered)
+    """Log-weights to the power `weight_temper`, held within `weight_clip` of `centre` [D1]."""
+    tempered = config.weight_temper * (log_weights - centre)
+    held = jnp.clip(tempered, -config.weight_clip, config.weight_clip)
+    return jnp.where(jnp.isneginf(log_weights), -jnp.inf, held)
 
 
 def draw(
@@ -110,7 +113,72 @@ def draw(
     return (blocks * width + slots).astype(jnp.int32)
 
 
+class Minibatch(NamedTuple):
+    """mb_size draws from each of the three buffers, and where they lie."""
+
+    states: Float[Array, "batch s"]
+    goals: Float[Array, "batch s"]
+    transitions: Transitions
+    hindsight_goals: Float[Array, "batch s"]
+    goal_slots: Int[Array, " batch"]
+    transition_slots: Int[Array, " batch"]
+
+
+def sample(
+    config: Config, replay: Replay, centres: Float[Array, " 2"], *, key: PRNGKeyArray
+) -> Minibatch:
+    """One minibatch; `centres` are the medians of the goals' and transitions' log-weights."""
+    goal_log_weights = temper(config, replay.goal_log_weights, centres[0])
+    transition_log_weights = temper(config, replay.transition_log_weights, centres[1])
+    states = draw(replay.state_log_weights, config.batch_size, key=named(key, "states"))
+    goals = draw(goal_log_weights, config.batch_size, key=named(key, "goals"))
+    slots = draw(transition_log_weights, config.batch_size, key=named(key, "transitions"))
+    # No body is ever reset, so num_bodies slots on is the same body one step later (2.3).
+    ahead = jax.random.randint(
+        named(key, "hindsight"), slots.shape, 0, config.hindsight_steps, jnp.int32
+    )
+    newer = (replay.position - 1 - slots) % replay.capacity // config.num_bodies
+    later = (slots + jnp.minimum(ahead, newer) * config.num_bodies) % replay.capacity
+    reached = replay.transitions.next_observations
+    return Minibatch(
+        states=reached[states],
+        goals=reached[goals],
+        transitions=jax.tree.map(lambda ring: ring[slots], replay.transitions),
+        hindsight_goals=reached[later],
+        goal_slots=goals,
+        transition_slots=slots,
+    )
+
+
+def refresh(
+    replay: Replay,
+    minibatch: Minibatch,
+    goal_log_weights: Float[Array, " batch"],
+    transition_log_weights: Float[Array, " batch"],
+) -> Replay:
+    """The ring with new weights for the goals and transitions just drawn (Algorithm 1)."""
+    goals = replay.goal_log_weights.at[minibatch.goal_slots].set(goal_log_weights)
+    transitions = replay.transition_log_weights.at[minibatch.transition_slots].set(
+        transition_log_weights
+    )
+    return replay._replace(goal_log_weights=goals, transition_log_weights=transitions)
+
+
 def effective_sample_size(log_weights: Float[Array, " capacity"]) -> Float[Array, ""]:
     """(sum w)^2 / sum w^2: how many equally weighted items the buffer is worth."""
     weights = jnp.exp(log_weights - jnp.max(log_weights))
     return weights.sum() ** 2 / (weights**2).sum()
+
+
+def replay_metrics(
+    config: Config, replay: Replay, centres: Float[Array, " 2"]
+) -> dict[str, Float[Array, ""]]:
+    """Size of the ring and effective sample sizes of the three buffers."""
+    goals = temper(config, replay.goal_log_weights, centres[0])
+    transitions = temper(config, replay.transition_log_weights, centres[1])
+    return {
+        "replay/size": replay.size.astype(jnp.float32),
+        "replay/ess_states": effective_sample_size(replay.state_log_weights),
+        "replay/ess_goals": effective_sample_size(goals),
+        "replay/ess_transitions": effective_sample_size(transitions),
+    }

@@ -1,8 +1,5 @@
-"""Targets and losses of the undiscounted value (4.3, eq. 2)."""
+"""Targets of the undiscounted value (4.3, eq. 2)."""
 
-from collections.abc import Callable
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -20,16 +17,3 @@ def backup(
     remaining = (1 - near) * value if config.absorb_goal else value
     target = near - 1 + remaining
     return jnp.clip(target, floor, 0) if config.bound_value else target
-
-
-def value_loss(
-    config: Config,
-    value: Callable,
-    states: Float[Array, "batch s"],
-    goals: Float[Array, "batch s"],
-    targets: Float[Array, " batch"],
-) -> Float[Array, ""]:
-    """Mean of (V(s, g) - v_targ)^2 + V(g, g)^2 (Algorithm 1)."""
-    errors = jax.vmap(value)(states, goals) - targets
-    at_goals = jax.vmap(value)(goals, goals)
-    return jnp.mean(errors**2) + config.goal_value_weight * jnp.mean(at_goals**2)

@@ -1,0 +1,117 @@
+"""The five models of Algorithm 1, built together and stepped together."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import optax
+from flowjax.distributions import AbstractTransformed
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from everystate.config import Config
+from everystate.learning.dynamics import Dynamics
+from everystate.learning.flows import (
+    ConditionalFlow,
+    FlowJAXConditionalFlow,
+    conditional_flow,
+    state_flow,
+)
+from everystate.learning.keys import named
+from everystate.learning.networks import Value
+
+
+class Models(NamedTuple):
+    """f(s), d(s'|s,a), pi(a|s,g), c(s|g) and V(s,g), all in scaled units."""
+
+    state_flow: AbstractTransformed
+    dynamics: Dynamics
+    policy: ConditionalFlow | FlowJAXConditionalFlow
+    curriculum: ConditionalFlow | FlowJAXConditionalFlow
+    value: Value
+
+
+class Scale(NamedTuple):
+    """A body's fixed units: a scaled state is (s - centre) / spread."""
+
+    centre: Float[Array, " s"]
+    spread: Float[Array, " s"]
+
+    def scaled(self, states: Float[Array, "*batch s"]) -> Float[Array, "*batch s"]:
+        """From the body's units."""
+        centre, spread = (jnp.broadcast_to(x, states.shape) for x in self)
+        return (states - centre) / spread
+
+    def unscaled(self, states: Float[Array, "*batch s"]) -> Float[Array, "*batch s"]:
+        """To the body's units."""
+        centre, spread = (jnp.broadcast_to(x, states.shape) for x in self)
+        return states * spread + centre
+
+
+def new_models(
+    config: Config, action_size: int, change_scale: Float[Array, " s"], *, key: PRNGKeyArray
+) -> Models:
+    """Untrained models of a body whose states change by about `change_scale` per step."""
+    state_size = change_scale.size
+
+    def conditional(
+        name: str, size: int, condition_size: int, layers: int
+    ) -> ConditionalFlow | FlowJAXConditionalFlow:
+        return conditional_flow(
+            size,
+            condition_size,
+            layers,
+            family=config.flow,
+            shifted=config.flow_shift,
+            width=config.width,
+            depth=config.depth,
+            key=named(key, name),
+        )
+
+    d = conditional("d", state_size, state_size + action_size, config.dynamics_layers)
+    return Models(
+        state_flow=state_flow(
+            state_size,
+            config.state_layers,
+            family=config.flow,
+            shifted=config.flow_shift,
+            key=named(key, "f"),
+        ),
+        dynamics=Dynamics(d, change_scale),
+        policy=conditional("pi", action_size, 2 * state_size, config.policy_layers),
+        curriculum=conditional("c", state_size, state_size, config.curriculum_layers),
+        value=Value(
+            state_size,
+            width=config.width,
+            depth=config.depth,
+            bounded=config.bound_value,
+            key=named(key, "V"),
+        ),
+    )
+
+
+def new_optimisers(config: Config, models: Models) -> tuple[optax.OptState, ...]:
+    """Adam's state for each model."""
+    return tuple(_adam(config).init(trainable(model)) for model in models)
+
+
+def step(
+    config: Config, models: Models, gradients: Models, optimisers: tuple[optax.OptState, ...]
+) -> tuple[Models, tuple[optax.OptState, ...]]:
+    """One Adam step per model, each with its own gradient clip [D6]."""
+    stepped, states = [], []
+    for model, gradient, state in zip(models, gradients, optimisers, strict=True):
+        change, state = _adam(config).update(gradient, state)
+        stepped.append(eqx.apply_updates(model, change))
+        states.append(state)
+    return Models(*stepped), tuple(states)
+
+
+def trainable(models: object) -> object:
+    """The floating-point arrays of one or all models, None in place of the rest."""
+    return eqx.filter(models, eqx.is_inexact_array)
+
+
+def _adam(config: Config) -> optax.GradientTransformation:
+    return optax.chain(
+        optax.clip_by_global_norm(config.gradient_clip), optax.adam(config.learning_rate)
+    )

@@ -1,0 +1,96 @@
+"""Algorithm 1 as a whole, on a body so simple that nothing else can be at fault."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from everystate import algorithm
+from everystate.config import FlowFamily, preset
+from everystate.learning.models import Scale
+from everystate.learning.replay import Transitions
+
+
+def drift(config, key, steps):
+    """Transitions [steps, bodies, ...] of points that move by a tenth of their action."""
+    shape = (steps, config.num_bodies, 2)
+    actions = jax.random.uniform(key, shape, minval=-1, maxval=1)
+    after = jnp.cumsum(0.1 * actions, axis=0)
+    before = jnp.concatenate([jnp.zeros((1, *shape[1:])), after[:-1]])
+    return Transitions(before, actions, after)
+
+
+def start(config):
+    key = jax.random.key(config.seed)
+    scale = Scale(jnp.zeros(2), jnp.full(2, 0.5))
+    return algorithm.init(config, drift(config, key, config.warmup_steps), scale, key=key)
+
+
+def leaves(state):
+    arrays = jax.tree.leaves(eqx.filter(state._replace(key=None), eqx.is_array))
+    return [np.asarray(x) for x in arrays]
+
+
+@pytest.mark.parametrize(
+    "flow", ["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
+)
+def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
+    config = preset("test", flow=flow, num_updates=2, target_period=1)
+    state = start(config)
+    after, actions = eqx.filter_jit(algorithm.act)(config, state, jnp.zeros((10, 2)))
+    after, metrics = eqx.filter_jit(algorithm.update)(config, after)
+    assert actions.shape == (10, 2)
+    assert np.all(np.abs(actions) <= 1)
+    assert all(np.isfinite(value) for value in metrics.values()), metrics
+    assert int(after.epoch) == 1
+    assert int(after.copies) == 2
+    # A dtype or weak type that changes would compile the next epoch anew.
+    for old, new in zip(leaves(state), leaves(after), strict=True):
+        assert (old.shape, old.dtype) == (new.shape, new.dtype)
+    types = [
+        jax.tree.map(lambda x: x.weak_type, eqx.filter(s, eqx.is_array)) for s in (state, after)
+    ]
+    assert types[0] == types[1]
+
+
+def test_same_seed_same_update_bit_for_bit():
+    config = preset("test")
+    update = eqx.filter_jit(algorithm.update)
+    first, second = (update(config, start(config))[0] for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(leaves(first), leaves(second), strict=True))
+    other = update(config, start(preset("test", seed=1)))[0]
+    assert not all(np.array_equal(a, b) for a, b in zip(leaves(first), leaves(other), strict=True))
+
+
+def test_every_model_learns_from_every_update():
+    config = preset("test")
+    state = start(config)
+    after, _ = eqx.filter_jit(algorithm.update)(config, state)
+    for name, old, new in zip(state.models._fields, state.models, after.models, strict=True):
+        moved = [
+            not np.array_equal(a, b)
+            for a, b in zip(
+                jax.tree.leaves(eqx.filter(old, eqx.is_array)),
+                jax.tree.leaves(eqx.filter(new, eqx.is_array)),
+                strict=True,
+            )
+        ]
+        assert any(moved), name
+
+
+def test_targets_stay_within_their_bounds():
+    config = preset("test")
+    state = start(config)
+    update = eqx.filter_jit(algorithm.update)
+    for _ in range(3):
+        state, metrics = update(config, state)
+        assert -(float(state.copies) + 1) <= float(metrics["value/target_min"]) <= 0
+
+
+@pytest.mark.parametrize("name", ["literal", "paper"])
+def test_presets_of_the_paper_run(name):
+    small = {"capacity": 4000, "batch_size": 20, "N": 3, "num_updates": 1, "target_period": 1}
+    config = preset(name, **small, num_bodies=10, steps_per_epoch=5)
+    _, metrics = eqx.filter_jit(algorithm.update)(config, start(config))
+    assert np.isfinite(float(metrics["loss/f"]))
