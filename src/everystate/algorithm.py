@@ -168,7 +168,7 @@ def update_once(
     starts = jnp.where(use[:, None], proposed, states)
 
     # a_best and v_targ for each (s, g), in blocks that fit the cache.
-    floor = -(state.copies.astype(jnp.float32) + 1)  # No target can be lower [D4].
+    floor = -state.copies.astype(jnp.float32)  # No value can be lower [D4].
     keys = jax.random.split(named(key, "improve"), config.batch_size)
     improvement = jax.lax.map(
         lambda x: improve(config, models, state.target_value, x[0], x[1], floor, key=x[2]),

@@ -77,7 +77,7 @@ class Config:
 
     # --- Value (4.3) ---
     bound_value: bool = True
-    """V = -softplus, and targets clipped to [-(copies + 1), 0] [D4]."""
+    """V_targ is held below 0, and targets are clipped to [-(copies + 1), 0] [D4]."""
     absorb_goal: bool = False
     """Reaching ends the count: r + (1 - exp(-k |dz|^2)) V_targ instead of r + V_targ [D10]."""
     goal_value_weight: float = 1.0
@@ -112,6 +112,8 @@ class Config:
     """Hidden layers of every MLP."""
     width: int = 200
     """Units per hidden layer."""
+    frequencies: int = 0
+    """Octaves of sines and cosines that join every MLP's inputs; the paper has none [D14]."""
     flow: FlowFamily = "pldu"
     """Family of the four flows: the paper's, or one of FlowJAX's."""
     state_layers: int = 20
@@ -190,6 +192,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "epochs": (1, 10_000_000),
     "depth": (1, 32),
     "width": (1, 16_384),
+    "frequencies": (0, 16),
     "state_layers": (1, 200),
     "dynamics_layers": (1, 200),
     "policy_layers": (1, 200),

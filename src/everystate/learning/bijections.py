@@ -71,12 +71,14 @@ class PLDU(AbstractBijection):
         return jnp.tril(self.lower, -1) + identity, jnp.triu(self.upper, 1) + identity
 
     def transform_and_log_det(self, x, condition=None):
+        x = jnp.asarray(x)
         lower, upper = self._triangles()
         scale = jax.lax.stop_gradient(self.sign) * jnp.exp(self.log_d)
         y = (lower @ (scale * (upper @ x)))[self.permutation]
         return y + self.shift if self.shifted else y, self.log_d.sum()
 
     def inverse_and_log_det(self, y, condition=None):
+        y = jnp.asarray(y)
         lower, upper = self._triangles()
         scale = jax.lax.stop_gradient(self.sign) * jnp.exp(self.log_d)
         y = y - self.shift if self.shifted else y
@@ -108,6 +110,7 @@ class SmoothPReLU(AbstractBijection):
         self.log_beta = jnp.zeros(size)
 
     def transform_and_log_det(self, x, condition=None):
+        x = jnp.asarray(x)
         alpha, beta = jnp.exp(self.log_alpha), jnp.exp(self.log_beta)
         a, b = (beta - alpha) / 4, (beta + alpha) / 2
         middle = jnp.clip(x, -1, 1)  # Keeps the branch not taken from overflowing.
@@ -116,6 +119,7 @@ class SmoothPReLU(AbstractBijection):
         return y, jnp.log(2 * a * middle + b).sum()
 
     def inverse_and_log_det(self, y, condition=None):
+        y = jnp.asarray(y)
         alpha, beta = jnp.exp(self.log_alpha), jnp.exp(self.log_beta)
         a, b = (beta - alpha) / 4, (beta + alpha) / 2
         inside = (y > -alpha) & (y < beta)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import FlowFamily
 from everystate.learning.bijections import PLDU, SmoothPReLU, pldu_encoder
-from everystate.learning.networks import mlp
+from everystate.learning.networks import Network
 
 # Latent space to data space, and back: the two directions of a flow, under the paper's names.
 
@@ -48,7 +48,7 @@ class ConditionalFlow(eqx.Module):
     """
 
     encoder: AbstractBijection
-    network: eqx.nn.MLP
+    network: Network
 
     def __init__(
         self,
@@ -57,19 +57,18 @@ class ConditionalFlow(eqx.Module):
         layers: int,
         *,
         shifted: bool,
-        width: int,
-        depth: int,
         key: PRNGKeyArray,
+        **network: int,
     ) -> None:
         """Sizes are those of the variable and of its condition; see `state_flow`."""
         key_encoder, key_network = jax.random.split(key)
         self.encoder = pldu_encoder(size, layers, shifted=shifted, key=key_encoder)
         outputs = sum(p.size for p in _elementwise_parameters(self.encoder))
-        network = mlp(condition_size, outputs, width=width, depth=depth, key=key_network)
+        start = Network(condition_size, outputs, key=key_network, **network)
         # Small last weights: at first the flow hardly depends on its condition.
         self.network = eqx.tree_at(
-            lambda n: (n.layers[-1].weight, n.layers[-1].bias),
-            network,
+            lambda n: (n.mlp.layers[-1].weight, n.mlp.layers[-1].bias),
+            start,
             replace_fn=lambda x: 0.01 * x,
         )
 
@@ -129,15 +128,12 @@ def conditional_flow(
     *,
     family: FlowFamily,
     shifted: bool,
-    width: int,
-    depth: int,
     key: PRNGKeyArray,
+    **network: int,
 ) -> ConditionalFlow | FlowJAXConditionalFlow:
     """A density on R^size given a condition in R^condition_size: d, pi and c."""
     if family == "pldu":
-        return ConditionalFlow(
-            size, condition_size, layers, shifted=shifted, width=width, depth=depth, key=key
-        )
+        return ConditionalFlow(size, condition_size, layers, shifted=shifted, key=key, **network)
     return FlowJAXConditionalFlow(_flowjax_bijection(family, size, condition_size, layers, key))
 
 

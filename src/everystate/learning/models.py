@@ -1,6 +1,6 @@
 """The five models of Algorithm 1, built together and stepped together."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -52,6 +52,7 @@ def new_models(
 ) -> Models:
     """Untrained models of a body whose states change by about `change_scale` per step."""
     state_size = change_scale.size
+    network = {"width": config.width, "depth": config.depth, "frequencies": config.frequencies}
 
     def conditional(
         name: str, size: int, condition_size: int, layers: int
@@ -62,9 +63,8 @@ def new_models(
             layers,
             family=config.flow,
             shifted=config.flow_shift,
-            width=config.width,
-            depth=config.depth,
             key=named(key, name),
+            **network,
         )
 
     d = conditional("d", state_size, state_size + action_size, config.dynamics_layers)
@@ -79,13 +79,7 @@ def new_models(
         dynamics=Dynamics(d, change_scale),
         policy=conditional("pi", action_size, 2 * state_size, config.policy_layers),
         curriculum=conditional("c", state_size, state_size, config.curriculum_layers),
-        value=Value(
-            state_size,
-            width=config.width,
-            depth=config.depth,
-            bounded=config.bound_value,
-            key=named(key, "V"),
-        ),
+        value=Value(state_size, key=named(key, "V"), **network),
     )
 
 
@@ -98,15 +92,16 @@ def step(
     config: Config, models: Models, gradients: Models, optimisers: tuple[optax.OptState, ...]
 ) -> tuple[Models, tuple[optax.OptState, ...]]:
     """One Adam step per model, each with its own gradient clip [D6]."""
-    stepped, states = [], []
+    stepped: list[Any] = []
+    states: list[optax.OptState] = []
     for model, gradient, state in zip(models, gradients, optimisers, strict=True):
-        change, state = _adam(config).update(gradient, state)
+        change, state = _adam(config).update(trainable(gradient), state)
         stepped.append(eqx.apply_updates(model, change))
         states.append(state)
     return Models(*stepped), tuple(states)
 
 
-def trainable(models: object) -> object:
+def trainable(models: Any) -> Any:
     """The floating-point arrays of one or all models, None in place of the rest."""
     return eqx.filter(models, eqx.is_inexact_array)
 
