@@ -49,6 +49,8 @@ def fake_run(folder: Path, epochs: int = 80, *, seed: int = 0) -> Path:
         line |= {f"replay/ess_{n}": 10 ** rng.uniform(1, 4) for n in ("states", "goals")}
         line |= {"episode/length": 40 * rng.uniform(), "episode/reached": progress * rng.uniform()}
         line |= {"episode/ended": float(epoch % 3), "env/falls_per_1000": 3 * rng.uniform()}
+        if epoch % 10 == 0:
+            line |= {"eval/success@0.5/floor": progress, "eval/success@0.5/ledge": progress**2}
         lines.append(json.dumps(line))
     (folder / "metrics.jsonl").write_text("\n".join(lines) + "\n")
     (folder / "samples").mkdir(exist_ok=True)
@@ -85,10 +87,11 @@ def test_page_stands_alone_beside_its_pictures(tmp_path: Path, result: dict[str,
     names = {path.stem for path in page.parent.glob("*.png")}
     assert names == {
         *("success", "filmstrip", "values", "policy", "goals"),
-        *("coverage", "episodes", "replay", "targets", "losses"),
+        *("coverage", "episodes", "replay", "targets", "losses", "evaluation"),
     }
     assert text.count("data:image/png;base64,") == len(names)
     assert not re.search(r"(src|href)=\"(?!data:)|url\(|<script|https?://", text)
+    assert json.loads((page.parent / "evaluation.json").read_text()) == result
     assert "run &lt;1&gt;" in text
     assert "Not drawn" not in text
     assert all(word in text for word in ("floor", "ledge", "falls per 1,000", "commit", "config"))

@@ -49,8 +49,10 @@ def evaluate(
         seed: of the body's noise and of planning; the same seed gives the same result.
 
     Returns:
-        What `docs/` lists: success[region][eps][reading], position_only, falls, calibration, where
-        it comes from; None where there is no number. Only `time` depends on the clock.
+        What JSON can hold: `success`, `success_plan` and `position_only` as [region][eps][reading];
+        `falls_per_1000_steps`; `calibration` of -V against measured steps; `coverage` of the run,
+        if it is one; then config, seed, command, commit, machine and versions. None stands where
+        there is no number. Only what is under `time` depends on the clock.
     """
     started = time.monotonic()
     run = None
@@ -103,17 +105,6 @@ def rollout(
         actions = agent.act(states[-1], goals, plan=plan, seed=_noise_seed(seed, step))
         states.append(env.step(actions)[0])
     return np.stack(states)
-
-
-def scalars(result: Mapping[str, Any]) -> dict[str, float]:
-    """What a line of metrics.jsonl keeps of a result: success@0.5 at the last step, by region."""
-    kept = {"eval/success": result["success"], "eval/success_plan": result["success_plan"]}
-    found = {
-        f"{name}/{region}": row["0.5"]["last"]
-        for name, table in kept.items()
-        for region, row in (table or {}).items()
-    }
-    return found | {"eval/falls_per_1000": result["falls_per_1000_steps"]}
 
 
 def coverage(run: Path | None) -> dict[str, float] | None:

@@ -1,6 +1,7 @@
 """Several runs in one figure, drawn from their result files alone.
 
-Of each run's folder it reads `metrics.jsonl` and, if it is there, `evaluation.json`.
+Of each run's folder it reads `metrics.jsonl` and, if it is there, `evaluation.json`, or else the
+one in the run's report.
 """
 
 import json
@@ -33,6 +34,7 @@ _LABELS: dict[Over, str] = {
     "minutes": "minutes of training",
 }
 _MARKERS = "osD^vP*"
+EVALUATED = "eval/success@0.5/"  # what training logs of its evaluations, and then the region
 
 Run = Mapping[str, Float[np.ndarray, " epochs"]]
 
@@ -42,8 +44,9 @@ def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "step
     """Settings compared: coverage, training goals reached, and success by region.
 
     A group is one setting, its runs the seeds: thin lines are single runs, thick ones their median.
-    A cross marks where a run ended before the longest of all. Success is a curve where runs were
-    evaluated while training (`eval/success/...`), otherwise a mark per run at its end.
+    A cross marks where a run ended before the longest of all; in the median it keeps its last
+    value, as leaving it out would flatter a setting whose worst runs break down. Success is a
+    curve where runs were evaluated while training, otherwise a mark per run at its end.
 
     Args:
         groups: label -> run folders.
@@ -60,11 +63,11 @@ def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "step
             for group in runs.values()
             for run in group
             for name in run
-            if name.startswith("eval/success/")
+            if name.startswith(EVALUATED)
         )
     )
     panels = {"coverage/cells": "cells visited", "episode/reached": "training goals reached"}
-    panels |= {f"eval/success/{region}": f"success, {region}" for region in evaluated}
+    panels |= {f"{EVALUATED}{region}": f"success@0.5, {region}" for region in evaluated}
     bars = bool(regions) and not evaluated
     rows = -(-(len(panels) + bars) // 2)
     figure = Figure(figsize=(WIDTH, 2.5 * rows + 0.3))
@@ -98,8 +101,9 @@ def _read(folder: Path) -> dict[str, Float[np.ndarray, " epochs"]]:
 
 def _final(folder: Path) -> dict[str, float]:
     """Success@0.5 at the last step by region, from the run's evaluation.json; empty without."""
-    path = folder / "evaluation.json"
-    if not path.exists():
+    paths = [folder / "evaluation.json", folder / "report" / "evaluation.json"]
+    path = next((path for path in paths if path.exists()), None)
+    if path is None:
         return {}
     result: dict[str, Any] = json.loads(path.read_text())
     return {region: row["0.5"]["last"] for region, row in result["success"].items()}
@@ -128,12 +132,10 @@ def _group(
         if x[-1] < 0.97 * longest:
             ax.plot(x[-1], y[-1], marker="x", color=colour, linestyle="none", markersize=5)
     if known:
-        # The median of what is still running: a run that stopped early says nothing beyond its end.
-        common = np.linspace(0, longest, 300)
-        lines = [np.interp(common, x, y, left=np.nan, right=np.nan) for x, y in known]
-        alive = np.isfinite(lines).any(axis=0)
-        median = np.nanmedian(np.array(lines)[:, alive], axis=0)
-        ax.plot(common[alive], median, color=colour, linestyle=dashes, linewidth=2.0, label=label)
+        begin = max(x[0] for x, _ in known)
+        common = np.linspace(begin, max(x[-1] for x, _ in known), 300)
+        median = np.median([np.interp(common, x, y) for x, y in known], axis=0)
+        ax.plot(common, median, color=colour, linestyle=dashes, linewidth=2.0, label=label)
 
 
 def _marks(

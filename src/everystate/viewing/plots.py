@@ -159,7 +159,8 @@ def over_time(
     for i, (ax, (title, curves)) in enumerate(zip(grid, panels, strict=False)):
         for name, label in curves.items():
             if name in metrics:
-                curve(ax, metrics["steps"], metrics[name], label=label)
+                known = np.isfinite(metrics[name])
+                curve(ax, metrics["steps"][known], metrics[name][known], label=label)
         ax.set_title(title)
         steps_axis(ax)
         if log:

@@ -16,6 +16,7 @@ from everystate.errors import EverystateError
 from everystate.evaluation import suites
 from everystate.training.logging import read_metrics
 from everystate.viewing import maps, page, plots
+from everystate.viewing.figures import EVALUATED
 from everystate.viewing.film import filmstrip
 
 
@@ -32,7 +33,7 @@ class Picture(NamedTuple):
 def report(
     run_dir: Path | str, result: Mapping[str, Any], *, agent: maps.Explorer | None = None
 ) -> Path:
-    """Writes `report/index.html` and its PNGs into the run's folder and returns the page's path.
+    """Writes `report/index.html`, its PNGs and the result, and returns the page's path.
 
     Args:
         run_dir: a run's folder, with its metrics, samples and checkpoints.
@@ -56,6 +57,7 @@ def report(
         except EverystateError as error:
             path.unlink(missing_ok=True)  # an older one would be taken for this run's
             shown.append(page.Shown(picture.title, f"Not drawn: {error}", None))
+    (folder / "evaluation.json").write_text(json.dumps(result, allow_nan=False) + "\n")
     target = folder / "index.html"
     target.write_text(page.page(run_dir.resolve().name, result, shown), encoding="utf-8")
     return target
@@ -146,6 +148,15 @@ def over_time(run_dir: Path) -> list[Picture]:
             {"columns": 3},
         ),
     }
+    evaluated = [name for name in columns if name.startswith(EVALUATED)]
+    if evaluated:
+        labels = {name: name.removeprefix(EVALUATED) for name in evaluated}
+        curves["evaluation"] = (
+            "Goals reached while training",
+            "success@0.5 at the last step on the fixed goals, by where the goal lies.",
+            [("goals held", labels)],
+            {"share": [0], "columns": 1},
+        )
     return [
         Picture(name, title, caption, lambda p=panels, o=options: plots.over_time(columns, p, **o))
         for name, (title, caption, panels, options) in curves.items()
@@ -203,10 +214,3 @@ def middle_goals(
         goals = suite.goals[regions == name]
         found[name] = goals[((goals - goals.mean(axis=0)) ** 2).sum(axis=1).argmin()]
     return found
-
-
-def save_result(run_dir: Path, result: Mapping[str, Any]) -> Path:
-    """Keeps an evaluation beside the run it is of, for figures over several runs."""
-    path = run_dir / "evaluation.json"
-    path.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
-    return path
