@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Float32, PRNGKeyArray
+from jaxtyping import Array, Float, Float32, Key, PRNGKeyArray
 from numpy.typing import ArrayLike
 
 from everystate.agent import files
@@ -70,7 +70,7 @@ class Agent:
     def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """About how many control steps each state is from its goal: -V(s, g) (4.2)."""
         states, goals, single = self._pairs(observation, goal)
-        return -_returned(_values(self.models, states, goals), single)
+        return _returned(-_values(self.models, states, goals), single)
 
     def log_density(self, state: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """log p_f(s): how much of its life the agent has lately spent around each state.
@@ -161,7 +161,7 @@ def _plan(
 
 
 @eqx.filter_jit
-def _propose(m: int, models: Models, keys: PRNGKeyArray) -> Float[Array, "n s"]:
+def _propose(m: int, models: Models, keys: Key[Array, " n"]) -> Float[Array, "n s"]:
     return jax.vmap(lambda key: least_likely_goal(models.state_flow, m, key=key))(keys)
 
 

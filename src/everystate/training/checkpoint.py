@@ -63,7 +63,7 @@ def save(folder: Path, snapshot: Snapshot, agent: Agent, period: int) -> Path:
     draft.rename(checkpoint)
     for old in _saved(folder)[:-KEPT]:
         periods, rest = divmod(int(old.name), period)
-        if rest or periods & (periods - 1):
+        if rest or periods.bit_count() != 1:  # no power of two
             shutil.rmtree(old)
     return checkpoint
 

@@ -1,0 +1,180 @@
+"""An agent in its user's hands: units, batches, clear refusals, and the way to disk and back."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import everystate
+from everystate.agent import Agent, BodyInfo, config_from_json, config_to_json, load, named_arrays
+from everystate.agent import agent as agent_module
+from everystate.algorithm import Scale
+from everystate.config import preset
+from everystate.errors import EverystateError
+from everystate.learning.flows import decode
+from everystate.learning.replay import Transitions
+from everystate.training.learner import begin
+
+CENTRE = np.array([1.0, -2.0], dtype=np.float32)
+SPREAD = np.array([0.5, 4.0], dtype=np.float32)
+STATES = np.array([[1.0, -2.0], [1.2, 1.0], [0.4, -5.0]], dtype=np.float32)
+GOALS = np.array([[1.5, 2.0], [0.8, -4.0], [1.1, 0.0]], dtype=np.float32)
+
+
+@pytest.fixture(scope="module")
+def agent() -> Agent:
+    config = preset("test")
+    rng = np.random.default_rng(0)
+    shape = (config.warmup_steps, config.num_bodies, 2)
+    warmup = Transitions(*(jnp.asarray(rng.normal(size=shape), jnp.float32) for _ in range(3)))
+    scale = Scale(jnp.asarray(CENTRE), jnp.asarray(SPREAD))
+    return Agent(begin(config, warmup, scale).models, scale, config, BodyInfo(("x", "speed"), 2))
+
+
+@pytest.mark.parametrize("plan", [False, True])
+def test_batch_and_single_act_alike(agent: Agent, plan: bool) -> None:
+    actions = agent.act(STATES, GOALS, plan=plan)
+    assert actions.shape == (3, 2)
+    assert actions.dtype == np.float32
+    assert (np.abs(actions) <= 1).all()
+    if not plan:  # with it, every member of a batch gets random candidates of its own
+        singles = [agent.act(s, g) for s, g in zip(STATES, GOALS, strict=True)]
+        np.testing.assert_allclose(actions, singles, rtol=1e-4, atol=1e-6)
+    assert agent.act(STATES[0], GOALS[0], plan=plan).shape == (2,)
+
+
+def test_act_is_the_policy_at_its_centre(agent: Agent) -> None:
+    condition = jnp.asarray(np.concatenate([(x - CENTRE) / SPREAD for x in (STATES[1], GOALS[1])]))
+    expected = np.clip(decode(agent.models.policy(condition), jnp.zeros(2)), -1, 1)
+    np.testing.assert_allclose(agent.act(STATES[1], GOALS[1]), expected, rtol=1e-4, atol=1e-6)
+
+
+def test_one_goal_serves_many_states(agent: Agent) -> None:
+    repeated = np.repeat(GOALS[:1], 3, axis=0)
+    np.testing.assert_array_equal(agent.act(STATES, GOALS[0]), agent.act(STATES, repeated))
+
+
+def test_planning_depends_on_nothing_but_the_seed(agent: Agent) -> None:
+    first, again, other = (agent.act(STATES, GOALS, plan=True, seed=n) for n in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_steps_to_goal_is_minus_the_value(agent: Agent) -> None:
+    state, goal = (jnp.asarray((x - CENTRE) / SPREAD) for x in (STATES[2], GOALS[2]))
+    steps = agent.steps_to_goal(STATES, GOALS)
+    assert steps.shape == (3,)
+    np.testing.assert_allclose(steps[2], -agent.models.value(state, goal), rtol=1e-4)
+    np.testing.assert_allclose(agent.steps_to_goal(STATES[2], GOALS[2]), steps[2], rtol=1e-4)
+
+
+def test_density_integrates_to_one_in_the_units_of_the_body(agent: Agent) -> None:
+    x, speed = (
+        np.linspace(c - 12 * s, c + 12 * s, 300) for c, s in zip(CENTRE, SPREAD, strict=True)
+    )
+    grid = np.stack(np.meshgrid(x, speed), axis=-1).reshape(-1, 2)
+    cell = (x[1] - x[0]) * (speed[1] - speed[0])
+    assert np.exp(agent.log_density(grid)).sum() * cell == pytest.approx(1, abs=0.01)
+    assert agent.log_density(grid[0]).shape == ()
+
+
+def test_goals_are_the_least_likely_of_what_it_imagines(agent: Agent) -> None:
+    goals = agent.propose_goals(200)
+    assert goals.shape == (200, 2)
+    np.testing.assert_array_equal(goals[:3], agent.propose_goals(200)[:3])
+    assert not np.array_equal(goals[:3], agent.propose_goals(3, seed=1))
+    single = dataclasses.replace(agent, config=dataclasses.replace(agent.config, m=1))
+    assert agent.log_density(goals).mean() < agent.log_density(single.propose_goals(200)).mean() - 1
+
+
+@pytest.mark.parametrize(
+    ("observation", "goal", "named"),
+    [
+        ([1.0], GOALS[0], "x, speed"),
+        (STATES[0], [[[1.0, 2.0]]], r"\(1, 1, 2\)"),
+        ([1.0, np.nan], GOALS[0], "nan in speed"),
+        (STATES, [[0.0, 0.0], [np.inf, 0.0], [0.0, 0.0]], "inf in x"),
+        (STATES, GOALS[:2], "3 observations and 2 goals"),
+        (["a", "b"], GOALS[0], "no array of numbers"),
+    ],
+)
+def test_what_is_no_state_is_refused(agent: Agent, observation, goal, named: str) -> None:
+    for method in (agent.act, agent.steps_to_goal):
+        with pytest.raises(EverystateError, match=named):
+            method(observation, goal)
+
+
+def test_no_goals_are_refused(agent: Agent) -> None:
+    with pytest.raises(EverystateError, match="n is 0"):
+        agent.propose_goals(0)
+
+
+def test_an_exported_agent_is_the_same_agent(agent: Agent, tmp_path: Path) -> None:
+    folder = agent.export(tmp_path / "deep" / "mine", scores={"floor": 0.5})
+    assert sorted(path.name for path in folder.iterdir()) == ["agent.json", "agent.safetensors"]
+    assert json.loads((folder / "agent.json").read_text())["scores"] == {"floor": 0.5}
+    loaded = load(folder)
+    assert (loaded.config, loaded.body) == (agent.config, agent.body)
+    for (name, mine), theirs in zip(
+        named_arrays((agent.models, agent.scale)).items(),
+        named_arrays((loaded.models, loaded.scale)).values(),
+        strict=True,
+    ):
+        assert np.array_equal(mine, theirs), name
+    np.testing.assert_array_equal(loaded.act(STATES, GOALS), agent.act(STATES, GOALS))
+
+
+def test_export_overwrites_nothing(agent: Agent, tmp_path: Path) -> None:
+    (tmp_path / "note").write_text("mine")
+    with pytest.raises(EverystateError, match="exists already"):
+        agent.export(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["note"]
+
+
+@pytest.mark.parametrize("damage", ["truncate", "other shapes", "format", "no weights", "field"])
+def test_damaged_agents_are_named(agent: Agent, tmp_path: Path, damage: str) -> None:
+    folder = agent.export(tmp_path / "agent")
+    weights, description = folder / "agent.safetensors", folder / "agent.json"
+    told = json.loads(description.read_text())
+    if damage == "truncate":
+        weights.write_bytes(weights.read_bytes()[:-100])
+    elif damage == "other shapes":
+        told["config"]["width"] += 1
+    elif damage == "format":
+        told["format"] = 99
+    elif damage == "no weights":
+        weights.unlink()
+    elif damage == "field":
+        told["config"]["hidden"] = 1
+    description.write_text(json.dumps(told))
+    with pytest.raises(EverystateError, match=r"format 99|'hidden'|damaged"):
+        load(folder)
+
+
+def test_shipped_agents_load_by_name(
+    agent: Agent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    agent.export(tmp_path / "shipped" / "ramp")
+    monkeypatch.setattr(agent_module, "SHIPPED", tmp_path / "shipped")
+    monkeypatch.chdir(tmp_path)
+    assert load("ramp").config == agent.config
+    with pytest.raises(EverystateError, match="did you mean 'ramp'"):
+        load("rampp")
+    with pytest.raises(EverystateError, match="holds no agent"):
+        load(tmp_path)
+
+
+def test_every_config_survives_json() -> None:
+    for name in everystate.config.PRESETS:
+        config = preset(name)
+        assert config_from_json(json.loads(json.dumps(config_to_json(config)))) == config
+
+
+def test_the_public_names_are_there() -> None:
+    for name in everystate.__all__:
+        assert getattr(everystate, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = everystate.nothing
