@@ -42,8 +42,6 @@ class Config:
     """How N returns become one score: a percentile (paper: the 0th, the min) or the mean."""
     percentile: float = 0.0
     """Which percentile of the N returns; 0 is the min, 100 the max."""
-    target: Literal["mean", "score"] = "mean"
-    """v_targ from the N returns of a_best: their mean (paper) or the score that chose it [D13]."""
     gradient_step: float = 1.0
     """Length factor of the candidates' step along the gradient of r + V_targ."""
     max_gradient_step: float = math.inf
@@ -57,7 +55,7 @@ class Config:
 
     # --- Curriculum (Appendix A) ---
     p_curric: float = 0.8
-    """p_curric: prior probability that a state comes from c(s|g)."""
+    """p_curric: prior probability that a state comes from c(s|g); `quick` lowers it [D14]."""
     normalise_curriculum: bool = True
     """Weights l exp(v) sum to one per minibatch, each share limited [D5]."""
     curriculum_share: float = 0.05
@@ -113,7 +111,7 @@ class Config:
     width: int = 200
     """Units per hidden layer."""
     frequencies: int = 0
-    """Octaves of sines and cosines that join every MLP's inputs; the paper has none [D14]."""
+    """Octaves of sines and cosines that join every MLP's inputs; the paper has none [D13]."""
     flow: FlowFamily = "pldu"
     """Family of the four flows: the paper's, or one of FlowJAX's."""
     state_layers: int = 20
@@ -243,8 +241,11 @@ _QUICK = {
     "state_layers": 6,
     "curriculum_layers": 6,
     "flow_shift": True,
+    "frequencies": 3,
     "target_period": 20,
     "absorb_goal": True,
+    "p_curric": 0.2,
+    "epochs": 200,
 }
 
 _TEST = {

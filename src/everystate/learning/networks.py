@@ -12,7 +12,7 @@ class Network(eqx.Module):
     """An MLP with `depth` hidden layers of `width` PReLU units (Appendix B).
 
     With `frequencies` its inputs x are joined by sin and cos of pi x / 2, pi x, 2 pi x, ...: smooth
-    networks of raw coordinates blur a wall between two places for thousands of updates [D14].
+    networks of raw coordinates blur a wall between two places for thousands of updates [D13].
     """
 
     mlp: eqx.nn.MLP

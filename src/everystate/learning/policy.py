@@ -97,12 +97,11 @@ def improve(
         return jax.vmap(lambda z, e: imagined(dynamics, z, e))(rollouts, sensor)
 
     outcomes, next_states = jax.vmap(returns)(candidates)
-    scores = score(config, outcomes)
-    best = jnp.argmax(scores)
+    best = jnp.argmax(score(config, outcomes))
     is_policy = (best % (2 * config.j)) < config.j
     return Improvement(
         candidates[best],
-        outcomes[best].mean() if config.target == "mean" else scores[best],
+        outcomes[best].mean(),
         is_policy.astype(state.dtype),
         jnp.abs(next_states).max(),
     )

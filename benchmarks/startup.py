@@ -1,0 +1,60 @@
+"""Start-up time and peak memory of a training run: `python benchmarks/startup.py [--json]`.
+
+Starts the same run twice in fresh processes, with an empty compile cache (cold) and with the one
+that the first left behind (warm), and waits for the first epoch's line in `metrics.jsonl`: process
+start, imports, warm-up, compilation, 2,500 control steps and the first 100 updates. Peak memory is
+the largest resident set of either process.
+"""
+
+import argparse
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+
+def first_epoch_s(folder: Path, preset: str, cache: Path) -> float:
+    """Seconds from starting the command until the first epoch is on disk."""
+    command = [sys.executable, "-m", "everystate", "train", "ramp-pointmass", "--quiet"]
+    command += ["--preset", preset, "--epochs", "1", "--run-dir", str(folder)]
+    environment = os.environ | {"EVERYSTATE_CACHE": str(cache)}
+    metrics = folder / "metrics.jsonl"
+    started = time.perf_counter()
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL) as process:
+        while not (metrics.exists() and metrics.stat().st_size):
+            if process.poll():
+                raise SystemExit(f"{' '.join(command)} ended with {process.returncode}")
+            time.sleep(0.02)
+        elapsed = time.perf_counter() - started
+    return elapsed
+
+
+def main() -> None:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
+    parser.add_argument("--preset", default="quick")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        result = {
+            "benchmark": "startup",
+            "preset": options.preset,
+            "cold_s": first_epoch_s(place / "cold", options.preset, place / "cache"),
+            "warm_s": first_epoch_s(place / "warm", options.preset, place / "cache"),
+            "peak_memory_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
+            "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+        }
+    if options.json:
+        print(json.dumps(result))
+    else:
+        print(*(f"{name}: {value}" for name, value in result.items()), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
