@@ -1,0 +1,171 @@
+"""The command line: wires, one-line errors, and exit codes."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.table import Table
+
+from everystate import cli, evaluation, training, viewing
+from everystate.config import preset
+from everystate.errors import EverystateError
+
+RESULT = {"success": {"floor": {"0.5": {"last": 1.0}}}}
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
+    """What the commands ask of the package; nothing is trained or measured."""
+    asked: list[tuple[str, Any]] = []
+
+    def train(body: str, **arguments: Any) -> Path:
+        asked.append(("train", {"body": body, **arguments}))
+        return Path(arguments["run_dir"] or "runs/default")
+
+    def evaluate(run: Path) -> dict[str, Any]:
+        asked.append(("evaluate", run))
+        return RESULT
+
+    def report(run: Path, result: dict[str, Any]) -> Path:
+        asked.append(("report", (run, result)))
+        return run / "report" / "index.html"
+
+    monkeypatch.setattr(training, "train", train)
+    monkeypatch.setattr(evaluation, "evaluate", evaluate)
+    monkeypatch.setattr(evaluation, "table", lambda result: Table("region", "success"))
+    monkeypatch.setattr(viewing, "report", report)
+    return asked
+
+
+def test_help_needs_no_jax() -> None:
+    script = (
+        "import sys; from everystate.cli import main; code = main(['--help']);"
+        "assert not {'jax', 'mujoco', 'orbax'} & {*sys.modules}; sys.exit(code)"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", script], check=True, capture_output=True, text=True
+    )
+    for command in ("train", "evaluate", "demo", "report", "bodies"):
+        assert command in shown.stdout
+
+
+def test_help_of_train_has_every_field_and_the_defaults_of_the_preset(
+    capsys: pytest.CaptureFixture,
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["train", "ramp-pointmass", "--preset", "test", "--help"])
+    assert not stop.value.code
+    shown = capsys.readouterr().out
+    for option in (
+        "--seed",
+        "--batch-size",
+        "--run-dir",
+        "--quiet",
+        "--p-curric",
+        "--no-hindsight",
+    ):
+        assert option in shown
+    assert f"(default: {preset('test').batch_size})" in shown
+
+
+def test_train_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:
+    arguments = ["--preset", "test", "--seed", "3", "--batch_size=64", "--no-hindsight", "--quiet"]
+    assert cli.main(["train", "ramp-pointmass", *arguments, "--run-dir", "here", "--N", "5"]) == 0
+    ((_, asked),) = calls
+    expected = preset("test", seed=3, batch_size=64, hindsight=False, N=5)
+    assert asked.pop("run_dir") == Path("here")
+    assert asked.pop("progress") == "plain"
+    assert asked.pop("preset") == "test"
+    assert preset("test", **asked) == expected
+
+
+def test_train_takes_the_defaults_of_body_and_preset(calls: list[tuple[str, Any]]) -> None:
+    assert cli.main(["train", "cartpole"]) == 0
+    ((_, asked),) = calls
+    assert (asked["k"], asked["run_dir"], asked["progress"]) == (10.0, None, True)
+    assert asked["batch_size"] == preset("quick").batch_size
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("trian", "unknown command 'trian': did you mean 'train'?"),
+        ("train", "name the body first"),
+        ("train ramp-pointmas", "did you mean 'ramp-pointmass'?"),
+        ("train ramp-pointmass --preset quik", "did you mean 'quick'?"),
+        ("train ramp-pointmass --batchsize 3", "did you mean '--batch-size'?"),
+        ("train ramp-pointmass --batchsize=3", "did you mean '--batch-size'?"),
+        ("train ramp-pointmass --seed abc", "--seed: invalid literal for int"),
+        ("train ramp-pointmass --flow no", "invalid choice 'no' for argument '--flow'"),
+        ("train ramp-pointmass --seed", "Missing value for argument '--seed'"),
+        ("train ramp-pointmass --preset", "Missing value for argument '--preset'"),
+        ("train ramp-pointmass more", "Unrecognized options: more"),
+        ("train ramp-pointmass --num-bodies 0", "num_bodies = 0 is out of range"),
+        ("evaluate", "run folder"),
+        ("evaluate nowhere", "no agent at nowhere"),
+        ("evaluate nowhere --jsn", "did you mean '--json'?"),
+        ("report nowhere", "no agent at nowhere"),
+    ],
+)
+def test_a_mistake_is_one_line_and_writes_nothing(
+    arguments: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    assert cli.main(arguments.split()) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith("error: ")
+    assert shown.err.count("\n") == 1
+    assert said.lower() in shown.err.lower()
+    assert shown.out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_json_is_the_whole_last_line(
+    calls: list[tuple[str, Any]], capsys: pytest.CaptureFixture
+) -> None:
+    assert cli.main(["evaluate", "runs/x", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1]) == RESULT
+    assert calls == [("evaluate", Path("runs/x"))]
+
+
+def test_demo_trains_evaluates_and_reports(
+    calls: list[tuple[str, Any]], capsys: pytest.CaptureFixture
+) -> None:
+    assert cli.main(["demo", "--preset", "test"]) == 0
+    run = Path("runs/ramp-pointmass-demo")
+    assert [name for name, _ in calls] == ["train", "evaluate", "report"]
+    assert calls[0][1]["run_dir"] == run
+    assert calls[0][1]["preset"] == "test"
+    assert calls[2][1] == (run, RESULT)
+    assert str(run / "report" / "index.html") in capsys.readouterr().out
+
+
+def test_report_names_its_page(calls: list[tuple[str, Any]], capsys: pytest.CaptureFixture) -> None:
+    assert cli.main(["report", "runs/x"]) == 0
+    assert capsys.readouterr().out.strip() == "runs/x/report/index.html"
+
+
+def test_bodies_are_listed(capsys: pytest.CaptureFixture) -> None:
+    assert cli.main(["bodies"]) == 0
+    assert "ramp-pointmass: x [m], y [m]" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("raised", "code"), [(KeyboardInterrupt(), 130), (EverystateError("a\n  b"), 2)]
+)
+def test_exit_codes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, raised: BaseException, code: int
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise raised
+
+    monkeypatch.setattr(training, "train", fail)
+    assert cli.main(["train", "ramp-pointmass"]) == code
+    assert capsys.readouterr().err == ("error: a b\n" if code == 2 else "")
