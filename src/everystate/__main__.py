@@ -1,6 +1,8 @@
 """`python -m everystate` is the command `everystate`."""
 
+import sys
+
 from everystate.cli import main
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
