@@ -109,7 +109,7 @@ def demo(argv: list[str]) -> None:
     _print(evaluation.table(result))
     print(f"report:      {viewing.report(run_dir, result)}")
     print(f"run:         {run_dir}")
-    print(f"all metrics: tensorboard --logdir {run_dir}")
+    print(f"all metrics: {run_dir}/metrics.jsonl, and {run_dir}/tensorboard for TensorBoard")
     print(f"in Python:   everystate.load({str(run_dir)!r}).act(observation, goal)")
 
 

@@ -57,7 +57,7 @@ class Config:
     p_curric: float = 0.8
     """p_curric: prior probability that a state comes from c(s|g); `quick` lowers it [D14]."""
     normalise_curriculum: bool = True
-    """Weights l exp(v) sum to one per minibatch, each share limited [D5]."""
+    """Weights l exp(v) become shares of the minibatch, each limited [D5]."""
     curriculum_share: float = 0.05
     """Largest share one example may have of a normalised minibatch [D5]."""
 
@@ -89,7 +89,7 @@ class Config:
     warmup_steps: int = 50
     """Control steps of uniformly random actions before the first epoch."""
     patience: int = 1
-    """An episode ends when V(s,g) has not risen for this many steps; 1 is the paper's rule [D2]."""
+    """Steps with V(s,g) below its best that end an episode; 1 is the paper's rule [D2]."""
     max_episode_steps: int = 200
     """Cap on an episode's length."""
 
@@ -122,6 +122,8 @@ class Config:
     """n of pi(a|s,g)."""
     curriculum_layers: int = 20
     """n of c(s|g)."""
+    alternate: bool = True
+    """Whether h and its inverse take turns from layer to layer (B.1); PLDU flows only."""
     flow_shift: bool = False
     """A learned shift per PLDU layer, which the paper's flow lacks [D7]."""
 

@@ -27,7 +27,7 @@ def no_episodes(config: Config, state_size: int) -> Episodes:
     bodies = config.num_bodies
     return Episodes(
         goals=jnp.zeros((bodies, state_size)),
-        best_values=jnp.zeros(bodies),
+        best_values=jnp.full(bodies, jnp.inf),  # No value is better: over at once.
         steps_since_best=jnp.full(bodies, config.patience, jnp.int32),
         lengths=jnp.zeros(bodies, jnp.int32),
         nearest=jnp.full(bodies, jnp.inf),

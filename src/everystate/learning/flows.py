@@ -32,11 +32,17 @@ def decode(flow: AbstractTransformed, z: Float[Array, " n"]) -> Float[Array, " n
 
 
 def state_flow(
-    size: int, layers: int, *, family: FlowFamily, shifted: bool, key: PRNGKeyArray
+    size: int,
+    layers: int,
+    *,
+    family: FlowFamily,
+    shifted: bool,
+    alternate: bool = True,
+    key: PRNGKeyArray,
 ) -> AbstractTransformed:
     """An unconditional density on R^size with `layers` layers: f(s)."""
     if family == "pldu":
-        encoder = pldu_encoder(size, layers, shifted=shifted, key=key)
+        encoder = pldu_encoder(size, layers, shifted=shifted, alternate=alternate, key=key)
         return Transformed(StandardNormal((size,)), Invert(encoder))
     return Transformed(StandardNormal((size,)), _flowjax_bijection(family, size, None, layers, key))
 
@@ -57,12 +63,15 @@ class ConditionalFlow(eqx.Module):
         layers: int,
         *,
         shifted: bool,
+        alternate: bool = True,
         key: PRNGKeyArray,
         **network: int,
     ) -> None:
         """Sizes are those of the variable and of its condition; see `state_flow`."""
         key_encoder, key_network = jax.random.split(key)
-        self.encoder = pldu_encoder(size, layers, shifted=shifted, key=key_encoder)
+        self.encoder = pldu_encoder(
+            size, layers, shifted=shifted, alternate=alternate, key=key_encoder
+        )
         outputs = sum(p.size for p in _elementwise_parameters(self.encoder))
         start = Network(condition_size, outputs, key=key_network, **network)
         # Small last weights: at first the flow hardly depends on its condition.
@@ -128,12 +137,21 @@ def conditional_flow(
     *,
     family: FlowFamily,
     shifted: bool,
+    alternate: bool = True,
     key: PRNGKeyArray,
     **network: int,
 ) -> ConditionalFlow | FlowJAXConditionalFlow:
     """A density on R^size given a condition in R^condition_size: d, pi and c."""
     if family == "pldu":
-        return ConditionalFlow(size, condition_size, layers, shifted=shifted, key=key, **network)
+        return ConditionalFlow(
+            size,
+            condition_size,
+            layers,
+            shifted=shifted,
+            alternate=alternate,
+            key=key,
+            **network,
+        )
     return FlowJAXConditionalFlow(_flowjax_bijection(family, size, condition_size, layers, key))
 
 

@@ -63,6 +63,7 @@ def new_models(
             layers,
             family=config.flow,
             shifted=config.flow_shift,
+            alternate=config.alternate,
             key=named(key, name),
             **network,
         )
@@ -74,6 +75,7 @@ def new_models(
             config.state_layers,
             family=config.flow,
             shifted=config.flow_shift,
+            alternate=config.alternate,
             key=named(key, "f"),
         ),
         dynamics=Dynamics(d, change_scale),

@@ -58,11 +58,11 @@ def improve(
 
     Args:
         config: hyper-parameters j, N, k, pessimism, ...
-        models: f, d and pi (`everystate.algorithm.Models`).
+        models: f, d and pi (`everystate.learning.models.Models`).
         target_value: V_targ(s, g).
         state: s, scaled.
         goal: g, scaled.
-        floor: lowest value that a target can have, -inf for none [D4].
+        floor: lowest value that V_targ can have [D4].
         key: random key.
     """
     key_policy, key_random, key_step, key_rollouts, key_sensor = jax.random.split(key, 5)

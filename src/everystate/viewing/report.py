@@ -136,8 +136,8 @@ def over_time(run_dir: Path) -> list[Picture]:
         ),
         "targets": (
             "Value targets",
-            "About minus the number of steps to the goal: mean and least of the targets of V in"
-            " each epoch.",
+            "About minus the number of steps to the goal: mean over each epoch of V's targets, and of"
+            " each minibatch's least.",
             [("V target", {"value/target": "mean", "value/target_min": "least"})],
             {"columns": 1},
         ),
