@@ -136,8 +136,8 @@ def over_time(run_dir: Path) -> list[Picture]:
         ),
         "targets": (
             "Value targets",
-            "About minus the number of steps to the goal: mean over each epoch of V's targets, and of"
-            " each minibatch's least.",
+            "About minus the number of steps to the goal: the targets of V, and the least of each"
+            " minibatch, as means over an epoch.",
             [("V target", {"value/target": "mean", "value/target_min": "least"})],
             {"columns": 1},
         ),
