@@ -100,6 +100,8 @@ class Config:
     """Updates per copy of V to V_targ; n_updates is the paper's one copy per episode [D8]."""
     learning_rate: float = 1e-3
     """Adam's step size; twice the paper's in `quick` [D15]."""
+    cooldown: float = 0.0
+    """Share of the run, at its end, over which Adam's step size falls to a tenth [D16]."""
     gradient_clip: float = math.inf
     """Largest gradient norm, for each model on its own [D6]."""
     epochs: int = 100
@@ -188,6 +190,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "num_updates": (1, 1_000_000),
     "target_period": (1, 1_000_000),
     "learning_rate": (0, 1),
+    "cooldown": (0, 1),
     "gradient_clip": (0, math.inf),
     "epochs": (1, 10_000_000),
     "depth": (1, 32),
@@ -248,6 +251,7 @@ _QUICK = {
     "absorb_goal": True,
     "p_curric": 0.2,
     "learning_rate": 2e-3,
+    "cooldown": 0.4,
     "epochs": 160,
 }
 

@@ -109,6 +109,12 @@ def trainable(models: Any) -> Any:
 
 
 def _adam(config: Config) -> optax.GradientTransformation:
+    total = config.epochs * config.num_updates
+    cooling = round(config.cooldown * total)
+    rate = optax.linear_schedule(
+        config.learning_rate, 0.1 * config.learning_rate, max(cooling, 1), total - cooling
+    )
     return optax.chain(
-        optax.clip_by_global_norm(config.gradient_clip), optax.adam(config.learning_rate)
+        optax.clip_by_global_norm(config.gradient_clip),
+        optax.adam(rate if cooling else config.learning_rate),
     )
