@@ -84,7 +84,7 @@ def main() -> None:
     """Every setting and seed asked for, two at a time, then the summary."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--settings", nargs="+", default=list(SETTINGS), choices=SETTINGS)
-    parser.add_argument("--seeds", type=int, help="how many, instead of each setting's own number")
+    parser.add_argument("--seeds", nargs="+", type=int, help="instead of all of each setting")
     parser.add_argument("--summary-only", action="store_true")
     options, extra = parser.parse_known_args()
     if not options.summary_only:
@@ -103,7 +103,7 @@ def main() -> None:
             waiting = [
                 pool.submit(job, setting, seed)
                 for setting in options.settings
-                for seed in range(options.seeds or SETTINGS[setting][1])
+                for seed in options.seeds or range(SETTINGS[setting][1])
             ]
             for future in waiting:
                 future.result()
