@@ -14,8 +14,10 @@ _PACKAGES = ("everystate", "jax", "equinox", "flowjax", "mujoco", "numpy")
 
 def provenance() -> dict[str, Any]:
     """Command line, commit (None outside a checkout), machine and versions."""
+    name = Path(sys.argv[0]).name
+    program = "everystate" if name == "__main__.py" else name
     return {
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "command": shlex.join([program, *sys.argv[1:]]),
         "commit": commit(),
         "machine": {"cpu": _cpu(), "cores": os.cpu_count(), "system": platform.system()},
         "versions": {"python": platform.python_version()} | _versions(),
