@@ -26,7 +26,7 @@ RESULTS = HERE / "results" / "ramp-pointmass"
 # else `quick` adds to the paper (docs/algorithm.md, section 4).
 _SIZES = (
     "--batch-size 256 --N 8 --width 128 --depth 3 --state-layers 6 --curriculum-layers 6"
-    " --capacity 100000"
+    " --capacity 100000 --epochs 60"
 )
 SETTINGS: dict[str, tuple[str, int]] = {
     "quick": ("--preset quick", 5),

@@ -1,0 +1,40 @@
+"""Puts a trained agent into the package, with its scores and the command that made it.
+
+    python experiments/ship_agent.py runs/experiments/ramp-pointmass/quick-seed0 ramp-pointmass
+
+The agent goes to `src/everystate/agents/NAME`, where `everystate.load(NAME)` finds it. A new agent
+takes the place of an old one only when the old folder was removed.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import everystate
+from everystate import evaluation
+
+AGENTS = Path(__file__).resolve().parent.parent / "src" / "everystate" / "agents"
+
+
+def main() -> None:
+    """Evaluates the run and exports its agent."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path)
+    parser.add_argument("name")
+    options = parser.parse_args()
+    agent = everystate.load(options.run)
+    result = evaluation.evaluate(options.run)
+    config = json.loads((options.run / "config.json").read_text())
+    scores = {
+        "command": f"everystate train {agent.config.body} --seed {agent.config.seed}",
+        "trained_with": config.get("versions", {}),
+        "success": result["success"],
+        "success_plan": result["success_plan"],
+        "falls_per_1000_steps": result["falls_per_1000_steps"],
+        "calibration": result["calibration"],
+    }
+    print(agent.export(AGENTS / options.name, scores))
+
+
+if __name__ == "__main__":
+    main()
