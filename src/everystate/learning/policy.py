@@ -1,7 +1,7 @@
 """Safe policy improvement: `Update_Value_Function_and_Policy` up to v_targ (4.3, Algorithm 1)."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +12,6 @@ from everystate.config import Config
 from everystate.learning.flows import decode
 from everystate.learning.rewards import closeness, place
 from everystate.learning.value import backup
-
-ConditionalDistribution = Callable[[Float[Array, " c"]], AbstractTransformed]
 
 
 class Improvement(NamedTuple):
@@ -43,7 +41,7 @@ def score(config: Config, returns: Float[Array, "*candidates N"]) -> Float[Array
 
 def improve(
     config: Config,
-    models,
+    models: Any,
     target_value: Callable,
     state: Float[Array, " s"],
     goal: Float[Array, " s"],
@@ -58,7 +56,7 @@ def improve(
 
     Args:
         config: hyper-parameters j, N, k, pessimism, ...
-        models: f, d and pi (`everystate.learning.models.Models`).
+        models: anything with `state_flow`, `dynamics` and `policy`, as in `Models`.
         target_value: V_targ(s, g).
         state: s, scaled.
         goal: g, scaled.
