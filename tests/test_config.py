@@ -1,0 +1,121 @@
+"""Presets and fields: the paper's numbers, and errors that say what to change."""
+
+import math
+from dataclasses import asdict, fields
+
+import pytest
+
+from everystate import config as module
+from everystate.config import PRESETS, Config, preset
+from everystate.errors import EverystateError
+
+BODIES = ("ramp-pointmass", "cartpole", "ant")
+STABILISERS = {
+    "weight_temper",
+    "weight_clip",
+    "patience",
+    "state_noise",
+    "dynamics_noise",
+    "action_noise",
+    "bound_value",
+    "normalise_curriculum",
+    "gradient_clip",
+    "max_gradient_step",
+}
+
+
+@pytest.mark.parametrize("body", [*BODIES, "gymnasium:Pendulum-v1"])
+def test_every_preset_is_valid_for_every_body(body):
+    assert {"quick", "paper", "literal", "test"} <= set(PRESETS)
+    for name in PRESETS:
+        config = preset(name, body, seed=3)
+        assert (config.body, config.seed) == (body, 3)
+        assert preset(name, body, seed=3) == config
+        assert hash(config) == hash(preset(name, body, seed=3))  # jit takes it as static.
+
+
+@pytest.mark.parametrize("name", ["paper", "literal"])
+@pytest.mark.parametrize(
+    ("body", "h", "k"), [("ramp-pointmass", 20, 100), ("cartpole", 20, 10), ("ant", 50, 10)]
+)
+def test_the_papers_presets_have_the_numbers_of_appendix_b(name, body, h, k):
+    config = preset(name, body)
+    assert (config.half_life, config.k) == (h, k)
+    expected = {
+        "m": 20,
+        "p_curric": 0.8,
+        "j": 1,
+        "N": 20,
+        "batch_size": 1000,
+        "num_updates": 100,
+        "num_bodies": 50,
+        "depth": 4,
+        "width": 200,
+        "learning_rate": 1e-3,
+        "state_layers": 20,
+        "dynamics_layers": 2,
+        "policy_layers": 2,
+        "curriculum_layers": 20,
+    }
+    assert {field: getattr(config, field) for field in expected} == expected
+    # What the paper's text says without a number.
+    assert (config.pessimism, config.percentile) == ("percentile", 0)
+    assert config.target_period == config.num_updates
+    assert config.reward_space == "latent"
+    assert config.flow == "pldu"
+    assert not config.flow_shift
+    assert not config.absorb_goal
+    assert config.frequencies == 0
+    assert config.sensor_noise == 0
+    assert config.gradient_step == 1
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_literal_is_paper_without_its_stabilisers(body):
+    paper, literal = asdict(preset("paper", body)), asdict(preset("literal", body))
+    assert {field for field in paper if paper[field] != literal[field]} == STABILISERS
+    off = {"weight_temper": 1, "patience": 1, "bound_value": False, "normalise_curriculum": False}
+    off |= dict.fromkeys(("weight_clip", "gradient_clip", "max_gradient_step"), math.inf)
+    off |= dict.fromkeys(("state_noise", "dynamics_noise", "action_noise"), 0)
+    assert {field: literal[field] for field in STABILISERS} == off
+
+
+def test_every_number_has_a_range():
+    numbers = {field.name for field in fields(Config) if field.type in (int, float)}
+    assert numbers == set(module._RANGES)
+
+
+@pytest.mark.parametrize("field", module._RANGES)
+def test_a_number_out_of_range_is_named_with_its_range(field):
+    low, high = module._RANGES[field]
+    number = type(getattr(Config(), field))
+    bad = [number(math.floor(low) - 1)]
+    bad += [number(high + 1)] if math.isfinite(high) else []
+    bad += [math.nan] if number is float else []
+    for value in bad:
+        with pytest.raises(EverystateError) as error:
+            preset("test", **{field: value})
+        message = str(error.value)
+        assert message.startswith(f"{field} = {value} ")
+        assert f"[{low:g}, {high:g}]" in message
+        assert "\n" not in message
+
+
+def test_sizes_that_do_not_fit_each_other_are_named():
+    with pytest.raises(EverystateError, match=r"target_period = 7 .*num_updates = 10"):
+        preset("test", target_period=7)
+    with pytest.raises(EverystateError, match=r"capacity = 4001 .*num_bodies = 10"):
+        preset("test", capacity=4001)
+    with pytest.raises(EverystateError, match=r"capacity = 390 .*400 items.*raise capacity"):
+        preset("test", capacity=390)
+    assert preset("test", capacity=400).capacity == 400
+
+
+def test_unknown_names_suggest_the_nearest():
+    with pytest.raises(EverystateError, match="unknown preset 'papr': did you mean 'paper'"):
+        preset("papr")
+    with pytest.raises(EverystateError, match="unknown field 'batchsize': did you mean 'batch_siz"):
+        preset("test", batchsize=10)
+    with pytest.raises(EverystateError) as error:
+        preset("zzz")
+    assert all(name in str(error.value) for name in PRESETS)

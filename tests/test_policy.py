@@ -1,0 +1,189 @@
+"""Safe policy improvement (4.3): where the best action is known, and what pessimism changes."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flowjax.distributions import Normal
+
+from everystate.config import Config, preset
+from everystate.learning import policy
+from everystate.learning.policy import improve, score
+
+# Two sizes for all tests, so that each operation compiles twice at most.
+FEW, MANY = {"j": 20, "N": 5}, {"j": 500, "N": 20}
+NO_FLOOR = jnp.array(-jnp.inf)
+
+
+def configured(**fields: Any) -> Config:
+    """A reward so wide that it is 0 everywhere, which leaves V_targ alone; and these fields."""
+    defaults = {"reward_space": "state", "k": 1e-6, "bound_value": False, "absorb_goal": False}
+    for name, value in defaults.items():
+        fields.setdefault(name, value)
+    return preset("test", **fields)
+
+
+def models(dynamics, policy=None):
+    """Known dynamics, and a policy that is spread over and beyond the box of actions."""
+    spread = Normal(jnp.zeros(2), jnp.full(2, 2.0))
+    return SimpleNamespace(
+        state_flow=Normal(jnp.zeros(2)), dynamics=dynamics, policy=policy or (lambda _: spread)
+    )
+
+
+def scored(monkeypatch, config, models, value, state, goal, key):
+    """The improvement, with the returns [candidates, N] that it came from."""
+    seen = []
+
+    def watched(config, returns):
+        seen.append(np.asarray(returns))
+        return score(config, returns)
+
+    monkeypatch.setattr(policy, "score", watched)
+    result = improve(config, models, value, state, goal, NO_FLOOR, key=jax.random.key(key))
+    assert np.all(np.abs(result.action) <= 1)
+    return result, seen[0]
+
+
+B = jnp.array([[0.5, 0.2], [-0.1, 0.4]])
+Q = 0.5 * jnp.linalg.inv(B @ B.T)
+
+
+def linear(sd):
+    """s' = s + B a + sd noise."""
+    return lambda state, action: Normal(state + B @ action, jnp.full(2, sd))
+
+
+def quadratic(state, goal):
+    """V(s, g) = -(s - g)^T Q (s - g)."""
+    return -(state - goal) @ Q @ (state - goal)
+
+
+@pytest.mark.parametrize("pessimism", ["percentile", "mean"])
+def test_improvement_finds_the_known_best_action(monkeypatch, pessimism):
+    state, best = jnp.array([0.3, -0.2]), jnp.array([0.6, -0.4])
+    goal = state + B @ best
+    # B^T Q B = I / 2, so that a + grad lands on the best action from anywhere.
+    known = models(linear(1e-4))
+    config = configured(**FEW, pessimism=pessimism, max_gradient_step=10.0)
+    result, _ = scored(monkeypatch, config, known, quadratic, state, goal, key=0)
+    np.testing.assert_allclose(result.action, best, atol=2e-3)
+    assert float(result.value) == pytest.approx(0, abs=1e-3)
+    # Without gradients, candidates must lie near it by chance.
+    config = configured(**MANY, pessimism=pessimism, gradient_step=0.0)
+    result, _ = scored(monkeypatch, config, models(linear(0.01)), quadratic, state, goal, key=1)
+    np.testing.assert_allclose(result.action, best, atol=0.15)
+
+
+def test_improvement_stays_within_the_box(monkeypatch):
+    goal = B @ jnp.array([5.0, -5.0])
+    config = configured(**FEW, max_gradient_step=1.0)
+    result, _ = scored(
+        monkeypatch, config, models(linear(0.01)), quadratic, jnp.zeros(2), goal, key=2
+    )
+    np.testing.assert_allclose(result.action, [1, -1], atol=1e-5)
+
+
+def test_the_worst_is_the_minimum_and_percentiles_are_monotone():
+    returns = jnp.asarray(np.random.default_rng(0).normal(0, 3, (7, 20)), jnp.float32)
+    percentiles = (0.0, 1.0, 5.0, 25.0, 50.0, 90.0, 100.0)
+    scores = np.stack([score(preset("test", percentile=p), returns) for p in percentiles])
+    np.testing.assert_array_equal(scores[0], returns.min(axis=1))
+    np.testing.assert_array_equal(scores[-1], returns.max(axis=1))
+    assert np.all(np.diff(scores, axis=0) >= 0)
+    mean = score(preset("test", pessimism="mean"), returns)
+    np.testing.assert_array_equal(mean, returns.mean(axis=1))
+    assert np.all(scores[0] <= mean)
+    assert np.all(mean <= scores[-1])
+
+
+def test_equal_candidates_share_their_noise_and_so_their_score(monkeypatch):
+    # Without a gradient step the second half of the candidates repeats the first.
+    config = configured(**FEW, gradient_step=0.0, sensor_noise=0.5)
+    result, returns = scored(
+        monkeypatch, config, models(linear(2.0)), quadratic, jnp.zeros(2), jnp.ones(2), key=3
+    )
+    assert returns.shape == (80, 5)
+    np.testing.assert_array_equal(returns[:40], returns[40:])
+    assert np.all(np.diff(returns, axis=1) != 0)  # But the N rollouts differ.
+    assert float(result.value) == pytest.approx(returns[returns.min(axis=1).argmax()].mean())
+
+
+def along(slope):
+    """V = slope * first component: with s' = a, a return shows which action was tried."""
+    return lambda state, goal: slope * state[0]
+
+
+def moves_to_action(state, action):
+    """s' = a, all but exactly."""
+    return Normal(action, jnp.full(2, 1e-6))
+
+
+@pytest.mark.parametrize("limit", [0.1, np.inf])
+def test_candidates_move_along_their_gradient_within_the_limit(monkeypatch, limit):
+    config = configured(**FEW, gradient_step=0.05, max_gradient_step=limit)
+    known = models(moves_to_action)
+    _, returns = scored(monkeypatch, config, known, along(6.0), jnp.zeros(2), jnp.zeros(2), key=4)
+    candidates = returns[:, 0] / 6
+    assert np.all(np.abs(candidates) <= 1 + 1e-4)
+    before, after = candidates[:40], candidates[40:]
+    assert np.any(np.isclose(before[:20], 1, atol=1e-4))  # Clipped samples of the policy.
+    expected = np.minimum(before + min(limit, 6 * 0.05), 1)
+    np.testing.assert_allclose(after, expected, atol=1e-4)
+
+
+def test_pessimism_avoids_what_pays_only_on_average(monkeypatch):
+    def risky(state, action):
+        """The further to the right, the better on average and the worse at worst."""
+        return Normal(action, 0.01 + 1.5 * jax.nn.relu(action))
+
+    chosen: dict[str, float] = {}
+    ways: dict[str, dict[str, Any]] = {
+        "min": {"percentile": 0.0},
+        "percentile": {"percentile": 5.0},
+        "median": {"percentile": 50.0},
+        "mean": {"pessimism": "mean"},
+    }
+    for name, fields in ways.items():
+        config = configured(**MANY, **fields, gradient_step=0.0)
+        known = models(risky)
+        result, returns = scored(
+            monkeypatch, config, known, along(1.0), jnp.zeros(2), jnp.zeros(2), key=5
+        )
+        chosen[name] = float(result.action[0])
+        best = returns[score(config, jnp.asarray(returns)).argmax()]
+        assert float(result.value) == pytest.approx(best.mean(), abs=1e-5)
+    assert chosen["min"] == pytest.approx(0, abs=0.1)
+    assert chosen["percentile"] == pytest.approx(0, abs=0.1)
+    assert chosen["median"] > 0.8
+    assert chosen["mean"] > 0.8
+
+
+def test_it_says_whether_the_policy_knew_the_best_action(monkeypatch):
+    state, best = jnp.zeros(2), jnp.array([0.5, 0.5])
+    config = configured(**FEW, gradient_step=0.0)
+    for action, knew in ((best, 1), (-best, 0)):
+        known = models(linear(1e-4), lambda _, a=action: Normal(a, jnp.full(2, 1e-3)))
+        result, _ = scored(monkeypatch, config, known, quadratic, state, B @ best, key=6)
+        assert float(result.from_policy) == knew
+        assert 0 < float(result.off_support) < 2
+
+
+def test_reaching_the_goal_is_what_pays():
+    """With V_targ flat, the shaped reward alone leads to the goal (4.2)."""
+    state, best = jnp.array([0.3, -0.2]), jnp.array([0.6, -0.4])
+    config = configured(**MANY, k=10.0, max_gradient_step=0.5)
+    result = improve(
+        config,
+        models(linear(1e-3)),
+        lambda state, goal: jnp.zeros(()),
+        state,
+        state + B @ best,
+        NO_FLOOR,
+        key=jax.random.key(7),
+    )
+    np.testing.assert_allclose(result.action, best, atol=0.15)
+    assert -0.05 < float(result.value) <= 0

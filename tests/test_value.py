@@ -1,0 +1,138 @@
+"""Targets of the value (eq. 2), and its learning where the number of steps is known."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from everystate.config import preset
+from everystate.learning.losses import value_loss
+from everystate.learning.models import Models
+from everystate.learning.networks import Value
+from everystate.learning.rewards import closeness
+from everystate.learning.value import backup
+
+PLACES = 6
+
+
+def test_backup_is_the_reward_plus_the_value():
+    def target(near, value, floor=-np.inf, **fields):
+        config = preset("test", **fields)
+        return float(backup(config, jnp.array(near), jnp.array(value), jnp.array(floor)))
+
+    free = {"bound_value": False, "absorb_goal": False}
+    assert target(0.0, -7.0, **free) == -8
+    assert target(1.0, -7.0, **free) == -7
+    assert target(0.25, -7.0, **free) == -7.75
+    assert target(0.0, 100.0, -3.0, **free) == 99  # Nothing holds it, whatever the floor.
+    assert target(0.0, -100.0, -3.0, **free) == -101
+
+    absorbing = {"bound_value": False, "absorb_goal": True}
+    assert target(0.0, -7.0, **absorbing) == -8
+    assert target(1.0, -7.0, **absorbing) == 0
+    assert target(0.25, -8.0, **absorbing) == -6.75
+
+    for absorb in (False, True):
+        bounded = {"bound_value": True, "absorb_goal": absorb}
+        assert target(0.0, -2.5, -3.0, **bounded) == -3.5
+        for near in (0.0, 0.5, 1.0):
+            for value in (-1e9, -1.0, 1e9):
+                assert -4 <= target(near, value, -3.0, **bounded) <= 0
+        assert target(1.0, 1e9, -3.0, **bounded) == 0
+
+
+def test_closeness_is_one_at_the_goal_and_falls_with_k():
+    here, there = jnp.array([0.1, 0.2]), jnp.array([0.2, 0.2])
+    assert float(closeness(preset("test", k=100.0), here, here)) == 1
+    assert float(closeness(preset("test", k=100.0), here, there)) == pytest.approx(np.exp(-1))
+    assert float(closeness(preset("test", k=10.0), here, there)) == pytest.approx(np.exp(-0.1))
+
+
+def only(value):
+    """Models of which the value's loss needs the value alone."""
+    return Models(None, None, None, None, value)  # pyright: ignore[reportArgumentType]
+
+
+def scaled(place):
+    """Where a place of the chain lies in scaled units."""
+    return (place - (PLACES - 1) / 2)[..., None] / 2
+
+
+def trained(config, copies, updates):
+    """V(s, g) [place, goal] after so many target copies, each fitted to exact backups.
+
+    The chain: one place to the left, to the right, or none, with walls at both ends.
+    """
+    value = Value(1, width=16, depth=2, frequencies=3, key=jax.random.key(0))
+    models = only(value)
+    states, goals = (x.ravel() for x in jnp.meshgrid(jnp.arange(6.0), jnp.arange(6.0)))
+    adam = optax.adam(config.learning_rate)
+
+    def returns(target_value, state, goal, floor):
+        def after(move):
+            next_state, goal_state = scaled(jnp.clip(state + move, 0, PLACES - 1)), scaled(goal)
+            near = closeness(config, next_state, goal_state)
+            return backup(config, near, target_value(next_state, goal_state), floor)
+
+        return jnp.stack([after(move) for move in (-1, 0, 1)])
+
+    def until_next_copy(carry, copy):
+        arrays, _ = carry
+        target = eqx.combine(arrays, static)
+        floor = -(copy.astype(jnp.float32) + 1)
+        targets = jax.vmap(lambda s, g: returns(target, s, g, floor).max())(states, goals)
+
+        def once(carry, _):
+            arrays, optimiser = carry
+
+            def loss(arrays):
+                new = models._replace(value=eqx.combine(arrays, static))
+                return value_loss(config, new, scaled(states), scaled(goals), targets)
+
+            gradient = jax.grad(loss)(arrays)
+            change, optimiser = adam.update(gradient, optimiser)
+            return (eqx.apply_updates(arrays, change), optimiser), None
+
+        carry, _ = jax.lax.scan(once, carry, length=updates)
+        learned = jax.vmap(eqx.combine(carry[0], static))(scaled(states), scaled(goals))
+        return carry, learned
+
+    arrays, static = eqx.partition(value, eqx.is_inexact_array)
+    run = jax.jit(lambda carry: jax.lax.scan(until_next_copy, carry, jnp.arange(copies)))
+    _, learned = run((arrays, adam.init(arrays)))
+    return np.asarray(learned).reshape(copies, PLACES, PLACES)
+
+
+@pytest.mark.parametrize("stabilised", [True, False])
+def test_the_value_converges_to_the_known_step_counts(stabilised):
+    config = preset(
+        "test",
+        bound_value=stabilised,
+        absorb_goal=stabilised,
+        k=30.0,
+        learning_rate=3e-3,
+    )
+    learned = trained(config, copies=10, updates=60)
+    steps = np.abs(np.arange(PLACES)[:, None] - np.arange(PLACES))
+    # The reward is that of s', so that the step onto the goal costs nothing: one place away, as
+    # at the goal itself, the count is 0.
+    known = -np.maximum(steps - 1.0, 0)
+    np.testing.assert_allclose(learned[-1], known, atol=0.3)
+    # Its horizon grows by one step a copy.
+    for copy in range(4):
+        assert learned[copy].min() == pytest.approx(-min(copy + 1, 4), abs=0.6)
+
+
+def test_the_loss_adds_the_value_at_the_goals():
+    config = preset("test", goal_value_weight=0.5)
+
+    def value(state, goal):
+        return state[0] - 2 * goal[0]
+
+    models = only(value)
+    states, goals = jnp.array([[1.0], [3.0]]), jnp.array([[0.0], [2.0]])
+    loss = value_loss(config, models, states, goals, jnp.array([0.0, 1.0]))
+    errors, at_goals = np.array([1.0, -2.0]), np.array([0.0, -2.0])
+    assert float(loss) == pytest.approx((errors**2).mean() + 0.5 * (at_goals**2).mean())
