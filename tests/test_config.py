@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import asdict, fields
+from typing import get_type_hints
 
 import pytest
 
@@ -119,3 +120,22 @@ def test_unknown_names_suggest_the_nearest():
     with pytest.raises(EverystateError) as error:
         preset("zzz")
     assert all(name in str(error.value) for name in PRESETS)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("pessimism", "men", "did you mean 'mean'"),
+        ("flow", "nothing", "choose one of"),
+        ("m", 2.5, "int"),
+        ("m", "20", "int"),
+        ("bound_value", "no", "bool"),
+        ("k", None, "float"),
+    ],
+)
+def test_values_of_the_wrong_kind_are_refused(field: str, value: object, says: str):
+    # By hand: under pytest, beartype would refuse the constructor's argument before we do.
+    kind = get_type_hints(Config)[field]
+    with pytest.raises(EverystateError, match=says) as error:
+        module._check_kind(field, value, kind)
+    assert field in str(error.value)

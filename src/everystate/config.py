@@ -7,7 +7,7 @@ Exploration with Flow-Based Models". Deviations from the paper carry their numbe
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Literal
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from everystate.errors import EverystateError, suggest
 
@@ -144,6 +144,8 @@ class Config:
     """Epochs between evaluations on the body's goal suite during training; 0 is never."""
 
     def __post_init__(self) -> None:
+        for name, kind in get_type_hints(Config).items():
+            _check_kind(name, getattr(self, name), kind)
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if not low <= value <= high:
@@ -161,6 +163,16 @@ class Config:
                 f"capacity = {self.capacity} must be a multiple of num_bodies = {self.num_bodies} "
                 f"and hold at least two collection phases ({2 * ring} items): raise capacity"
             )
+
+
+def _check_kind(name: str, value: object, kind: Any) -> None:
+    if get_origin(kind) is Literal:
+        if value not in (choices := get_args(kind)):
+            raise EverystateError(f"{name} = {value!r} is unknown: {suggest(str(value), choices)}")
+        return
+    accepted = (int, float) if kind is float else kind
+    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
+        raise EverystateError(f"{name} = {value!r} is not of type {kind.__name__}: give one")
 
 
 _RANGES: dict[str, tuple[float, float]] = {

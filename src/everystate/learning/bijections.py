@@ -109,14 +109,16 @@ class SmoothPReLU(AbstractBijection):
         self.log_alpha = jnp.zeros(size)
         self.log_beta = jnp.zeros(size)
 
+    # Both directions are written so that a small slope survives beside a large one in float32.
+
     def transform_and_log_det(self, x, condition=None):
         x = jnp.asarray(x)
         alpha, beta = jnp.exp(self.log_alpha), jnp.exp(self.log_beta)
-        a, b = (beta - alpha) / 4, (beta + alpha) / 2
         middle = jnp.clip(x, -1, 1)  # Keeps the branch not taken from overflowing.
+        curve = (beta * (1 + middle) ** 2 - alpha * (1 - middle) ** 2) / 4
+        slope = (beta * (1 + middle) + alpha * (1 - middle)) / 2
         outside = jnp.where(x < 0, alpha * x, beta * x)
-        y = jnp.where(jnp.abs(x) < 1, a * (middle**2 + 1) + b * middle, outside)
-        return y, jnp.log(2 * a * middle + b).sum()
+        return jnp.where(jnp.abs(x) < 1, curve, outside), jnp.log(slope).sum()
 
     def inverse_and_log_det(self, y, condition=None):
         y = jnp.asarray(y)
@@ -125,9 +127,12 @@ class SmoothPReLU(AbstractBijection):
         inside = (y > -alpha) & (y < beta)
         middle = jnp.clip(y, -alpha, beta)
         # The usual root formula divides by a, which is 0 at alpha = beta; this one does not.
-        slope = jnp.sqrt(alpha * beta + (beta - alpha) * middle)
+        least = jnp.minimum(alpha, beta)
+        slope = jnp.sqrt(jnp.maximum(alpha * beta + (beta - alpha) * middle, least**2))
         outside = jnp.where(y < 0, y / alpha, y / beta)
-        return jnp.where(inside, 2 * (middle - a) / (b + slope), outside), -jnp.log(slope).sum()
+        log_outside = jnp.where(y < 0, self.log_alpha, self.log_beta)
+        log_slope = jnp.where(inside, jnp.log(slope), log_outside)
+        return jnp.where(inside, 2 * (middle - a) / (b + slope), outside), -log_slope.sum()
 
     def elementwise_parameters(self) -> list[Any]:
         """What a conditional flow sets per condition (B.1)."""
