@@ -68,7 +68,11 @@ class Agent:
         return goals * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
 
     def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
-        """About how many control steps each state is from its goal: -V(s, g) (4.2)."""
+        """About how many control steps each state is from its goal: -V(s, g) (4.2).
+
+        The reward is that of the state arrived at, so the step onto the goal costs nothing: from
+        afar the true value is one step less than the distance.
+        """
         states, goals, single = self._pairs(observation, goal)
         return _returned(-_values(self.models, states, goals), single)
 
