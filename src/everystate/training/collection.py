@@ -70,7 +70,7 @@ def collect(
 
 def world_metrics(
     config: Config, env: MujocoVectorEnv, steps: Steps, snapshot: Snapshot
-) -> dict[str, float]:
+) -> dict[str, int | float]:
     """What an epoch looked like from outside the agent."""
     fell = env.falls(steps.observations, steps.next_observations)
     count = config.warmup_steps + snapshot.epoch * config.steps_per_epoch

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from everystate import algorithm
 from everystate.agent import named_arrays
-from everystate.algorithm import AgentState, Models, Scale
+from everystate.algorithm import AgentState, Scale
 from everystate.config import Config
 from everystate.learning.keys import named
 from everystate.learning.replay import Transitions
@@ -51,7 +51,7 @@ def _own(leaf):
     return jnp.array(leaf, leaf.dtype)
 
 
-def first_not_finite(metrics: Mapping[str, float], models: Models) -> str | None:
+def first_not_finite(metrics: Mapping[str, float], models: Any) -> str | None:
     """The name of the first metric or array of the models with a NaN or an infinity, if any."""
     for name, value in metrics.items():
         if not abs(value) < float("inf"):

@@ -16,7 +16,7 @@ Show = Literal["bar", "plain", "nothing"]
 _PLAIN_LINES = 20  # About how many a whole run prints.
 
 
-def read_metrics(folder: Path) -> list[dict[str, float]]:
+def read_metrics(folder: Path) -> list[dict[str, int | float]]:
     """The epochs of a run's metrics.jsonl; a last line that was cut short is left out."""
     epochs = []
     path = folder / "metrics.jsonl"
@@ -64,7 +64,7 @@ class Log:
     def __exit__(self, *error) -> None:
         self._stack.close()
 
-    def epoch(self, metrics: Mapping[str, float]) -> None:
+    def epoch(self, metrics: Mapping[str, int | float]) -> None:
         """Logs one epoch; `metrics` has `epoch` and `steps` among its names."""
         self._file.write(json.dumps(metrics, allow_nan=False) + "\n")
         epoch = int(metrics["epoch"])

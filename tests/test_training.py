@@ -1,0 +1,338 @@
+"""The training loop: resumes bit for bit, loses nothing, refuses what is not its own.
+
+Most tests learn nothing: a stand-in learner leaves the loop its schedule. Two train for real.
+"""
+
+import functools
+import json
+import logging
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import everystate
+from everystate import envs
+from everystate.agent import named_arrays
+from everystate.config import preset
+from everystate.errors import EverystateError
+from everystate.training import checkpoint, coverage, loop, train
+from everystate.training.learner import Learner, first_not_finite
+from everystate.training.logging import Log, read_metrics, shown
+from everystate.training.rundir import open_run
+
+BODY = "ramp-pointmass"
+quietly: Callable[..., Path] = functools.partial(train, BODY, preset="test", progress=False)
+
+
+def idle(on_act: Callable[[int], None] = lambda step: None, loss: float = 1.0) -> Learner:
+    """A learner that stands still, and learns nothing."""
+
+    def act(state, observations):
+        on_act(int(state.step))
+        return state._replace(step=state.step + 1), jnp.zeros(observations.shape)
+
+    def update(state):
+        metrics = {"loss/f": jnp.float32(loss), "episode/reached": jnp.float32(0.5)}
+        return state._replace(epoch=state.epoch + 1), metrics
+
+    return Learner(act, lambda state, steps: state, update)
+
+
+@pytest.fixture
+def no_learning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "compiled", lambda config: idle())
+
+
+def timeless(run: Path) -> list[dict[str, Any]]:
+    """A run's metrics without what depends on the clock."""
+    return [
+        {name: x for name, x in line.items() if not name.startswith("time")}
+        for line in read_metrics(run)
+    ]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def checkpoints(run: Path) -> list[str]:
+    return sorted(path.name for path in (run / "checkpoints").iterdir())
+
+
+# --- For real ---
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[int]]:
+    """A run of four epochs, and how many programs had been compiled by the end of each."""
+    counts, compiled = [], []
+
+    class Counter(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.getMessage().startswith("Compiling"):
+                compiled.append(record.getMessage()[:200])
+
+    def epoch(self: Log, metrics: dict[str, int | float]) -> None:
+        counts.append(len(compiled))
+        write(self, metrics)
+
+    write, logger, counter = Log.epoch, logging.getLogger("jax"), Counter()
+    logger.addHandler(counter)
+    try:
+        with pytest.MonkeyPatch.context() as patch, jax.log_compiles():
+            patch.setattr(Log, "epoch", epoch)
+            run = tmp_path_factory.mktemp("runs") / "trained"
+            quietly(run_dir=run, epochs=4, checkpoint_period=2)
+    finally:
+        logger.removeHandler(counter)
+    return run, counts
+
+
+def test_nothing_is_compiled_after_the_first_epoch(trained: tuple[Path, list[int]]) -> None:
+    """Between the second and the third, the first checkpoint may have needs of its own."""
+    _, counts = trained
+    assert counts[0] > 0, "compiling went unseen"
+    assert counts[1] == counts[0]
+    assert counts[3] == counts[2]
+
+
+def test_an_interrupted_run_ends_as_if_it_had_not_been(
+    trained: tuple[Path, list[int]], tmp_path: Path
+) -> None:
+    """Killed after its last epoch was logged and before it was saved; resumed elsewhere."""
+    straight, _ = trained
+    resumed = tmp_path / "resumed"
+    shutil.copytree(straight, resumed)
+    shutil.rmtree(resumed / "checkpoints" / "000004")
+    (resumed / "samples" / "000004.npz").unlink()
+    with (resumed / "metrics.jsonl").open("a") as file:
+        file.write('{"epoch": 5, "cut sho')
+    script = (
+        f"import everystate; everystate.train({BODY!r}, preset='test', progress=False,"
+        f" run_dir={str(resumed)!r}, epochs=4, checkpoint_period=2)"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+    assert timeless(resumed) == timeless(straight)
+    assert [line["epoch"] for line in read_metrics(resumed)] == [1, 2, 3, 4]
+    config = preset("test", BODY, epochs=4, checkpoint_period=2)
+    ends = [checkpoint.restore(run / "checkpoints", config, 2) for run in (straight, resumed)]
+    first, second = (
+        named_arrays(end._replace(agent=end.agent._replace(key=jax.random.key_data(end.agent.key))))
+        for end in ends
+        if end is not None
+    )
+    assert first.keys() == second.keys()
+    for name in first:
+        assert np.asarray(first[name]).tobytes() == np.asarray(second[name]).tobytes(), name
+    for run in (straight, resumed):
+        assert (run / "samples" / "000004.npz").exists()
+    assert contents(straight)["samples/000004.npz"] == contents(resumed)["samples/000004.npz"]
+
+
+def test_a_run_says_what_it_did(trained: tuple[Path, list[int]]) -> None:
+    run, _ = trained
+    config = preset("test", BODY)
+    metrics = read_metrics(run)
+    assert [line["epoch"] for line in metrics] == [1, 2, 3, 4]
+    per_epoch, warmup = config.steps_per_epoch, config.warmup_steps
+    assert [line["steps"] for line in metrics] == [
+        config.num_bodies * (warmup + n * per_epoch) for n in (1, 2, 3, 4)
+    ]
+    cells = [line["coverage/cells"] for line in metrics]
+    assert cells == sorted(cells)
+    assert 0 < cells[0] < cells[-1] < 1
+    assert {"loss/f", "env/falls_per_1000", "episode/reached", "time/updates_per_s"} <= {
+        *metrics[0]
+    }
+    with np.load(run / "samples" / "000004.npz") as samples:
+        assert samples["next_observations"].shape == (per_epoch * config.num_bodies, 2)
+        assert samples["goals"].shape == (config.num_bodies, 2)
+        assert samples["visited"].mean() == cells[-1]
+    assert list((run / "tensorboard").glob("events*"))
+    told = json.loads((run / "config.json").read_text())
+    assert told["config"]["body"] == BODY
+    assert "jax" in told["versions"]
+
+
+def test_a_run_holds_its_agent(trained: tuple[Path, list[int]]) -> None:
+    run, _ = trained
+    agent = everystate.load(run)
+    assert agent.body.state_names == ("x", "y")
+    assert (np.abs(agent.act([0.0, 0.0], agent.propose_goals(5))) <= 1).all()
+
+
+# --- The schedule ---
+
+
+@pytest.mark.usefixtures("no_learning")
+def test_a_finished_run_is_left_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    run = quietly(run_dir=tmp_path / "run")
+    before = timeless(run), checkpoints(run)
+    assert train(BODY, preset="test", run_dir=run) == run
+    assert "is finished" in capsys.readouterr().out
+    assert (timeless(run), checkpoints(run)) == before
+
+
+@pytest.mark.usefixtures("no_learning")
+def test_folder_and_config_follow_the_arguments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert quietly(seed=7, epochs=1) == Path("runs/ramp-pointmass-test-seed7")
+    config = preset("test", seed=7, epochs=1)
+    again = train(config, progress=False, epochs=2)
+    assert again == Path("runs/ramp-pointmass-custom-seed7")
+    assert len(read_metrics(again)) == 2
+
+
+@pytest.mark.parametrize("during", ["collection", "update"])
+def test_ctrl_c_saves_the_last_whole_epoch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, during: str
+) -> None:
+    per_epoch = preset("test").steps_per_epoch
+    at = per_epoch + 3 if during == "collection" else 2 * per_epoch - 1
+
+    def press(step: int) -> None:
+        if step == at:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(loop, "compiled", lambda config: idle(press))
+    handler = signal.getsignal(signal.SIGINT)
+    run = tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt):
+        train(BODY, preset="test", run_dir=run, progress="plain", epochs=4, checkpoint_period=4)
+    assert signal.getsignal(signal.SIGINT) is handler
+    done = 1 if during == "collection" else 2
+    assert checkpoints(run) == [f"{done:06d}"]
+    assert len(read_metrics(run)) == done
+    assert f"{done:06d} holds the run after epoch {done}" in capsys.readouterr().out
+
+    monkeypatch.setattr(loop, "compiled", lambda config: idle())
+    quietly(run_dir=run, epochs=4, checkpoint_period=4)
+    straight = quietly(run_dir=tmp_path / "straight", epochs=4, checkpoint_period=4)
+    assert timeless(run) == timeless(straight)
+
+
+def test_what_is_not_finite_stops_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    quiet = functools.partial(quietly, run_dir=tmp_path / "run", epochs=3)
+    monkeypatch.setattr(loop, "compiled", lambda config: idle(loss=float("nan")))
+    with pytest.raises(EverystateError, match="in epoch 1: metric loss/f is nan"):
+        quiet()
+    assert read_metrics(tmp_path / "run") == []
+
+    def broken(state):
+        state, metrics = idle().update(state)
+        if int(state.epoch) < 2:
+            return state, metrics
+        return jax.tree.map(lambda x: x * jnp.nan if eqx.is_inexact_array(x) else x, state), metrics
+
+    monkeypatch.setattr(loop, "compiled", lambda config: idle()._replace(update=broken))
+    with pytest.raises(EverystateError, match=r"in epoch 2: the model's state_flow\.\S+ has"):
+        quiet()
+    assert checkpoints(tmp_path / "run") == ["000001"], "the last good one is kept"
+
+
+def test_the_first_quantity_that_is_not_finite_is_named() -> None:
+    fine = {"a": 1.0, "b": -2.0}
+    assert first_not_finite(fine, {"w": jnp.ones(3)}) is None
+    assert first_not_finite(fine | {"b": float("inf")}, {}) == "metric b is inf"
+
+
+# --- Folders ---
+
+
+def test_a_foreign_folder_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(EverystateError, match="is no run"):
+        quietly(run_dir=tmp_path)
+    with pytest.raises(EverystateError, match="is a file"):
+        quietly(run_dir=tmp_path / "thesis.tex")
+    assert contents(tmp_path) == {"thesis.tex": b"mine"}
+
+
+@pytest.mark.usefixtures("no_learning")
+def test_a_run_of_another_config_is_left_alone(tmp_path: Path) -> None:
+    run = quietly(run_dir=tmp_path / "run", epochs=1)
+    before = contents(run)
+    with pytest.raises(
+        EverystateError, match=r"learning_rate \S+ there and 0.01 here; epochs 1 there and 2 here"
+    ):
+        quietly(run_dir=run, epochs=2, learning_rate=0.01)
+    assert contents(run) == before
+
+
+def test_a_run_has_one_writer(tmp_path: Path) -> None:
+    config = preset("test")
+    with (
+        open_run(tmp_path / "run", config),
+        pytest.raises(EverystateError, match="in use by another"),
+        open_run(tmp_path / "run", config),
+    ):
+        pass
+    with open_run(tmp_path / "run", config):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"config_or_body": "ramp-pointmas"}, "did you mean 'ramp-pointmass'"),
+        ({"preset": "tset"}, "did you mean 'test'"),
+        ({"batchsize": 3}, "did you mean 'batch_size'"),
+        ({"num_bodies": 0}, "num_bodies = 0 is out of range"),
+    ],
+)
+def test_wrong_arguments_write_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: dict[str, Any], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked: dict[str, Any] = {"config_or_body": BODY, "preset": "test", **arguments}
+    with pytest.raises(EverystateError, match=re.escape(message)):
+        train(**asked)
+    assert not list(tmp_path.iterdir())
+
+
+# --- Parts ---
+
+
+def test_coverage_counts_cells_once() -> None:
+    low, high = np.array([-1.0, 0.0]), np.array([1.0, 2.0])
+    none = coverage.no_cells(low, high)
+    states = np.array([[[-1.0, 0.0], [-0.95, 0.05]], [[1.0, 2.0], [9.0, 9.0]]])
+    visited = coverage.visit(none, states, low, high)
+    assert visited[0, 0]
+    assert visited[-1, -1]
+    assert visited.sum() == 2
+    assert coverage.visit(visited, states, low, high).sum() == 2
+    assert none.sum() == 0, "the grid of a snapshot must not change under it"
+
+
+def test_bodies_too_large_for_a_grid_have_none() -> None:
+    for low, high in ((-np.ones(4), np.ones(4)), (np.array([-np.inf]), np.array([1.0]))):
+        nothing = coverage.no_cells(low, high)
+        assert coverage.visit(nothing, np.zeros((5, low.size)), low, high).size == 0
+
+
+def test_a_bar_is_drawn_only_on_a_terminal() -> None:
+    assert [shown(x) for x in (True, "plain", False)] == ["plain", "plain", "nothing"]
+
+
+def test_an_environment_resumes_where_it_stopped() -> None:
+    """What the loop relies on: observations and the environment's state say all."""
+    first, second = (envs.make(BODY, 4, seed) for seed in (0, 1))
+    action = np.full((4, 2), 0.5)
+    first.step(action)
+    second.set_state(first.get_state())
+    np.testing.assert_array_equal(first.step(action)[0], second.step(action)[0])
