@@ -3,11 +3,34 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from flowjax.bijections import Affine, Chain
+from flowjax.bijections import AbstractBijection, Chain
 from flowjax.distributions import AbstractTransformed, StandardNormal, Transformed
 from jaxtyping import Array, Float
 
 from everystate.learning.flows import ConditionalFlow, FlowJAXConditionalFlow
+
+
+class _Onwards(AbstractBijection):
+    """change -> state + scale * change.
+
+    FlowJAX's `Affine` checks its scale by a callback to the host, and a program with callbacks is
+    not kept in the compile cache.
+    """
+
+    state: Float[Array, " s"]
+    scale: Float[Array, " s"]
+    shape: tuple[int, ...] = eqx.field(static=True)
+    cond_shape: None = eqx.field(static=True)
+
+    def __init__(self, state: Float[Array, " s"], scale: Float[Array, " s"]) -> None:
+        self.state, self.scale = state, scale
+        self.shape, self.cond_shape = state.shape, None
+
+    def transform_and_log_det(self, x, condition=None):
+        return self.state + self.scale * jnp.asarray(x), jnp.log(self.scale).sum()
+
+    def inverse_and_log_det(self, y, condition=None):
+        return (jnp.asarray(y) - self.state) / self.scale, -jnp.log(self.scale).sum()
 
 
 class Dynamics(eqx.Module):
@@ -21,5 +44,5 @@ class Dynamics(eqx.Module):
     ) -> AbstractTransformed:
         """The distribution of s', scaled, given one scaled state and one action."""
         change = self.change(jnp.concatenate([state, action])).bijection
-        onwards = Affine(state, jax.lax.stop_gradient(self.change_scale))
+        onwards = _Onwards(state, jax.lax.stop_gradient(self.change_scale))
         return Transformed(StandardNormal(state.shape), Chain([change, onwards]))
