@@ -36,7 +36,7 @@ def first_epoch_s(folder: Path, preset: str, cache: Path) -> float:
 
 def main() -> None:
     """Measures and prints."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
     parser.add_argument("--preset", default="quick")
     options = parser.parse_args()

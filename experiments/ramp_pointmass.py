@@ -82,7 +82,7 @@ def summarise() -> None:
 
 def main() -> None:
     """Every setting and seed asked for, two at a time, then the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--settings", nargs="+", default=list(SETTINGS), choices=SETTINGS)
     parser.add_argument("--seeds", nargs="+", type=int, help="instead of all of each setting")
     parser.add_argument("--summary-only", action="store_true")

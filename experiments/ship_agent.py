@@ -18,7 +18,7 @@ AGENTS = Path(__file__).resolve().parent.parent / "src" / "everystate" / "agents
 
 def main() -> None:
     """Evaluates the run and exports its agent."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("name")
     options = parser.parse_args()

@@ -1,5 +1,7 @@
 """Algorithm 1 as a whole, on a body so simple that nothing else can be at fault."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -91,7 +93,13 @@ def test_targets_stay_within_their_bounds():
 
 @pytest.mark.parametrize("name", ["literal", "paper"])
 def test_presets_of_the_paper_run(name):
-    small = {"capacity": 4000, "batch_size": 20, "N": 3, "num_updates": 1, "target_period": 1}
+    small: dict[str, Any] = {
+        "capacity": 4000,
+        "batch_size": 20,
+        "N": 3,
+        "num_updates": 1,
+        "target_period": 1,
+    }
     config = preset(name, **small, num_bodies=10, steps_per_epoch=5)
     _, metrics = eqx.filter_jit(algorithm.update)(config, start(config))
     assert np.isfinite(float(metrics["loss/f"]))
