@@ -47,14 +47,9 @@ def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
     assert all(np.isfinite(value) for value in metrics.values()), metrics
     assert int(after.epoch) == 1
     assert int(after.copies) == 2
-    # A dtype or weak type that changes would compile the next epoch anew.
+    # A dtype that changes would compile the next epoch anew.
     for old, new in zip(leaves(state), leaves(after), strict=True):
         assert (old.shape, old.dtype) == (new.shape, new.dtype)
-    weak = [
-        [x.weak_type for x in jax.tree.leaves(eqx.filter(s._replace(key=None), eqx.is_array))]
-        for s in (state, after)
-    ]
-    assert weak[0] == weak[1]
 
 
 def test_same_seed_same_update_bit_for_bit():

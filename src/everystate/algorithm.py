@@ -59,7 +59,7 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
     change_scale = jnp.maximum(jnp.std(change, axis=(0, 1)), 1e-3)
     models = new_models(config, action_size, change_scale, key=named(key, "init"))
     zero = jnp.zeros((), jnp.int32)
-    state = AgentState(
+    empty = AgentState(
         models=models,
         target_value=models.value,
         optimisers=new_optimisers(config, models),
@@ -71,9 +71,7 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
         epoch=zero,
         copies=zero,
     )
-    # Copies, because a caller may donate the state, and donated arrays must not alias.
-    state = jax.tree.map(lambda x: x.copy() if eqx.is_array(x) else x, state)
-    return observe(config, state, warmup)
+    return observe(config, empty, warmup)
 
 
 def choose_goals(config: Config, models: Models, *, key: PRNGKeyArray) -> Float[Array, "bodies s"]:
