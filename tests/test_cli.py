@@ -30,8 +30,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
         asked.append(("train", {"body": body, **arguments}))
         return Path(arguments["run_dir"] or "runs/default")
 
-    def evaluate(run: Path) -> dict[str, Any]:
-        asked.append(("evaluate", run))
+    def evaluate(run: Path, **arguments: Any) -> dict[str, Any]:
+        asked.append(("evaluate", {"run": run, **arguments}))
         return RESULT
 
     def report(run: Path, result: dict[str, Any]) -> Path:
@@ -109,6 +109,13 @@ def test_train_takes_the_defaults_of_body_and_preset(calls: list[tuple[str, Any]
         ("train ramp-pointmass --preset", "Missing value for argument '--preset'"),
         ("train ramp-pointmass more", "Unrecognized options: more"),
         ("train ramp-pointmass --num-bodies 0", "num_bodies = 0 is out of range"),
+        ("train cartpole --body-options wind", "body option 'wind': give name=value"),
+        ("train cartpole --body-options wind=3", "cartpole has no option 'wind'"),
+        ("train cartpole --body-options mass=heavy", "option mass is 'heavy': expected float"),
+        ("train gymnasium:CartPole-v1", "Discrete actions"),
+        ("train gymnasium:Nothing-v1", "Environment `Nothing` doesn't exist"),
+        ("train nowhere:Nothing-v1", "no module 'nowhere'"),
+        ("train nowhere.xml", "no MJCF file nowhere.xml"),
         ("evaluate", "run folder"),
         ("evaluate nowhere", "no agent at nowhere"),
         ("evaluate nowhere --jsn", "did you mean '--json'?"),
@@ -132,7 +139,14 @@ def test_json_is_the_whole_last_line(
 ) -> None:
     assert cli.main(["evaluate", "runs/x", "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1]) == RESULT
-    assert calls == [("evaluate", Path("runs/x"))]
+    ((_, asked),) = calls
+    assert asked == {"run": Path("runs/x"), "plan": True, "goals_file": None, "episodes": None}
+
+
+def test_evaluate_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:
+    assert cli.main(["evaluate", "x", "--no-plan", "--episodes", "9", "--goals", "a.json"]) == 0
+    ((_, asked),) = calls
+    assert (asked["plan"], asked["episodes"], asked["goals_file"]) == (False, 9, Path("a.json"))
 
 
 def test_demo_trains_evaluates_and_reports(
@@ -154,7 +168,16 @@ def test_report_names_its_page(calls: list[tuple[str, Any]], capsys: pytest.Capt
 
 def test_bodies_are_listed(capsys: pytest.CaptureFixture) -> None:
     assert cli.main(["bodies"]) == 0
-    assert "ramp-pointmass: x [m], y [m]" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    for text in (
+        "ramp-pointmass: 2 state",
+        "pole_velocity [rad/s]",
+        "third_party/ant",
+        "every 50 ms",
+    ):
+        assert text in shown
+    assert cli.main(["bodies", "gymnasium:Pendulum-v1"]) == 0
+    assert "3 state components, 1 actions" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

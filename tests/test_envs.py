@@ -1,36 +1,54 @@
 """The batched stepper over every body: exact, seeded, nothing shared, drawn and registered."""
 
+from pathlib import Path
+
 import gymnasium
+import imageio.v3 as imageio
 import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
 
-from everystate.envs import BODIES, MujocoVectorEnv, make
+import everystate.envs
+from everystate.envs import BODIES, BodyVectorEnv, MujocoVectorEnv, make
+from everystate.envs.registered import SingleEnv
 from everystate.errors import EverystateError
+
+OTHERS = (
+    str(Path(everystate.envs.__file__).with_name("ant.xml")),
+    "gymnasium:Pendulum-v1",
+    "gymnasium:Ant-v5",
+    "shimmy:dm_control/cartpole-balance-v0",
+    "gymnasium_robotics:PointMaze_UMaze-v3",
+)
 
 
 @pytest.fixture(params=BODIES)
-def body(request: pytest.FixtureRequest) -> str:
-    """Every body in turn."""
+def ours(request: pytest.FixtureRequest) -> str:
+    """Every body of ours in turn."""
     return request.param
 
 
-def play(env: MujocoVectorEnv, steps: int, seed: int = 0) -> np.ndarray:
+@pytest.fixture(params=BODIES + OTHERS, ids=lambda body: Path(body).name)
+def body(request: pytest.FixtureRequest) -> str:
+    """Every body of ours, and one of each kind there is."""
+    return request.param
+
+
+def play(env: BodyVectorEnv, steps: int, seed: int = 0) -> np.ndarray:
     """Observations under random actions that are the same for the same seed."""
     rng = np.random.default_rng(seed)
-    shape = (env.num_envs, env.model.nu)
-    return np.stack([env.step(rng.uniform(-1.2, 1.2, shape))[0] for _ in range(steps)])
+    shape = env.action_space.shape
+    return np.stack([env.step(rng.uniform(-1, 1, shape))[0] for _ in range(steps)])
 
 
 def test_spaces_and_names_agree(body: str) -> None:
     env = make(body, 3, 0)
     size = env.single_observation_space.shape
     assert size == (len(env.state_names),) == (len(env.state_units),)
-    assert env.centre.shape == env.spread.shape == size
-    assert (env.spread > 0).all()
-    assert env.metadata["autoreset_mode"] is AutoresetMode.DISABLED
+    assert env.scaling.centre.shape == env.scaling.spread.shape == size
+    assert (env.scaling.spread > 0).all()
+    assert np.isfinite(env.scaling.centre).all()
     observations, reward, terminated, truncated, info = env.step(env.action_space.sample())
     assert observations.dtype == np.float32
     assert env.observation_space.contains(observations)
@@ -38,6 +56,8 @@ def test_spaces_and_names_agree(body: str) -> None:
     assert info == {}
     assert env.regions(observations).shape == env.falls(observations, observations).shape == (3,)
     assert env.scored(observations).shape[0] == 3
+    for text in (env.name, *env.state_names):
+        assert text in env.describe()
 
 
 def test_same_seed_same_trajectory(body: str) -> None:
@@ -45,7 +65,11 @@ def test_same_seed_same_trajectory(body: str) -> None:
     np.testing.assert_array_equal(first, same)
     assert (first != other).any()
     assert np.isfinite(first).all()
-    assert (first.std(axis=(0, 1)) > 0).all()
+
+
+def test_no_component_is_constant_unless_declared(body: str) -> None:
+    env = make(body, 5, 1)
+    assert (play(env, 400).std(axis=(0, 1)) > 0)[~env.scaling.constant].all()
 
 
 def test_reset_with_a_seed_starts_over(body: str) -> None:
@@ -56,14 +80,15 @@ def test_reset_with_a_seed_starts_over(body: str) -> None:
     np.testing.assert_array_equal(play(env, 10), path)
 
 
-def test_threads_do_not_change_the_physics(body: str) -> None:
-    one, four = (play(make(body, 40, 0, num_threads=n), 30) for n in (1, 4))
+def test_threads_do_not_change_the_physics(ours: str) -> None:
+    one, four = (play(make(ours, 40, 0, num_threads=n), 30) for n in (1, 4))
     np.testing.assert_array_equal(one, four)
 
 
-def test_bodies_step_as_mujoco_steps_one(body: str) -> None:
+def test_bodies_step_as_mujoco_steps_one(ours: str) -> None:
     """The first control step equals a loop of mj_step, as long as nothing is left to finish."""
-    env = make(body, 1, 0)
+    env = make(ours, 1, 0)
+    assert isinstance(env, MujocoVectorEnv)
     state = env.get_state()
     data = mujoco.MjData(env.model)
     data.qpos[:], data.qvel[:] = state["qpos"][0], state["qvel"][0]
@@ -77,6 +102,7 @@ def test_bodies_step_as_mujoco_steps_one(body: str) -> None:
 def test_snapshot_replays_bit_for_bit(body: str) -> None:
     env = make(body, 6, 1)
     play(env, 20)
+    assert env.exact_restore
     saved = env.get_state()
     assert all(type(value) is np.ndarray and value.dtype != object for value in saved.values())
     path, end = play(env, 40, seed=5), env.get_state()
@@ -88,7 +114,7 @@ def test_snapshot_replays_bit_for_bit(body: str) -> None:
 
 
 def test_snapshot_of_something_else_is_refused(body: str) -> None:
-    with pytest.raises(EverystateError, match="'ctrl' has shape"):
+    with pytest.raises(EverystateError, match=f"the state does not belong to 2 x .*{body[-4:]}"):
         make(body, 2, 0).set_state(make(body, 3, 0).get_state())
 
 
@@ -110,19 +136,20 @@ def test_nothing_is_shared(body: str) -> None:
     np.testing.assert_array_equal(play(env, 5), play(twin, 5))
 
 
-def test_states_are_put_where_asked(body: str) -> None:
-    env = make(body, 4, 0)
+def test_states_are_put_where_asked(ours: str) -> None:
+    env = make(ours, 4, 0)
     wanted = play(env, 25)[-1]
-    other = make(body, 4, 9)
+    other = make(ours, 4, 9)
+    assert isinstance(other, MujocoVectorEnv)
     other.set_observations(wanted)
     state = other.get_state()
     np.testing.assert_allclose(other.body.observe(state["qpos"], state["qvel"]), wanted, atol=1e-6)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 2.0])
 def test_non_finite_actions_are_named(body: str, value: float) -> None:
     env = make(body, 3, 0)
-    actions = np.zeros((3, env.model.nu), dtype=np.float32)
+    actions = np.zeros(env.action_space.shape, dtype=np.float32)
     actions[2, -1] = value
     before = env.get_state()
     with pytest.raises(EverystateError, match=f"action of environment 2 is {value} in component"):
@@ -132,15 +159,15 @@ def test_non_finite_actions_are_named(body: str, value: float) -> None:
 
 
 def test_non_finite_bodies_are_named(
-    body: str, tmp_path: object, monkeypatch: pytest.MonkeyPatch
+    ours: str, tmp_path: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(str(tmp_path))  # MuJoCo writes its log where it stands
-    env = make(body, 3, 0)
+    env = make(ours, 3, 0)
     state = env.get_state()
     state["qpos"][1, 0] = np.nan
     env.set_state(state)
-    with pytest.raises(EverystateError, match="observation of environment 1 is nan in x"):
-        env.step(np.zeros((3, env.model.nu), dtype=np.float32))
+    with pytest.raises(EverystateError, match=r"observation of environment 1 is nan in \w+"):
+        env.step(np.zeros(env.action_space.shape))
 
 
 def test_user_errors_name_the_value() -> None:
@@ -158,9 +185,34 @@ def test_user_errors_name_the_value() -> None:
         make("ramp-pointmass", 1, 0).step(np.zeros((2, 2)))
 
 
-def test_gymnasium_accepts_it() -> None:
+@pytest.mark.filterwarnings("ignore:.*Box observation space .* value is -?infinity")
+def test_gymnasiums_own_checker_passes(body: str) -> None:
+    check_env(SingleEnv(body), skip_render_check=True)
+
+
+def test_no_body_is_reset_in_10_000_steps(body: str) -> None:
+    """Nor is any ever lost: all stay finite."""
+    env = make(body, 10, 0)
+    rng = np.random.default_rng(0)
+    for _ in range(1000):
+        _, _, terminated, truncated, info = env.step(rng.uniform(-1, 1, env.action_space.shape))
+        assert not (terminated.any() or truncated.any() or info)
+
+
+def test_every_body_is_drawn(body: str, tmp_path: Path) -> None:
+    env = make(body, 1, 0, render_mode="rgb_array")
+    play(env, 5)
+    frames = env.render()
+    assert frames is not None
+    imageio.imwrite(tmp_path / "body.png", frames[0])
+    picture = imageio.imread(tmp_path / "body.png")
+    assert picture.ndim == 3
+    assert picture.std() > 5
+    env.close()
+
+
+def test_gymnasium_finds_ours() -> None:
     env = gymnasium.make("everystate/RampPointmass-v0", render_mode="rgb_array")
-    check_env(env.unwrapped, skip_render_check=True)
     observation, _ = env.reset(seed=5)
     vector = gymnasium.make_vec(
         "everystate/RampPointmass-v0", num_envs=4, vectorization_mode="vector_entry_point"

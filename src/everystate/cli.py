@@ -4,7 +4,7 @@
   evaluate RUN   measure what it can reach [--json]
   report RUN     draw a page of pictures of a run
   demo           all three on the Ramp Pointmass, in minutes
-  bodies         list the bodies
+  bodies [BODY]  list the bodies and their states, or describe any other
 
 `everystate COMMAND --help` lists the options. Exit codes: 0 done, 2 a mistake to mend (nothing is
 written or lost), 130 interrupted by Ctrl-C (saved; the same command goes on).
@@ -50,6 +50,12 @@ class Evaluate:
     """Run folder, exported agent, or the name of an agent that comes with everystate."""
     json: bool = False
     """The last line is one JSON object."""
+    goals: Path | None = None
+    """A goal suite of your own, in the form of those in everystate/evaluation/suites."""
+    episodes: int | None = None
+    """Only so many goals, evenly taken from the suite."""
+    plan: bool = True
+    """Measure planning at act time too."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +91,9 @@ def evaluate(argv: list[str]) -> None:
     options = _parse(Evaluate, "evaluate", argv)
     from everystate import evaluation
 
-    result = evaluation.evaluate(options.run)
+    result = evaluation.evaluate(
+        options.run, plan=options.plan, goals_file=options.goals, episodes=options.episodes
+    )
     if options.json:
         print(json.dumps(result))
     else:
@@ -114,13 +122,14 @@ def demo(argv: list[str]) -> None:
 
 
 def bodies(argv: list[str]) -> None:
-    """List the bodies and what they observe."""
+    """List the bodies: those built in, or the ones named."""
     from everystate import envs
 
-    for name in envs.BODIES:
-        env = envs.make(name, 1, 0)
-        units = zip(env.state_names, env.state_units, strict=True)
-        print(f"{name}: {', '.join(f'{state} [{unit}]' for state, unit in units)}")
+    for name in argv or envs.BODIES:
+        print(envs.make(name, 1, 0).describe(), end="\n\n")
+    if not argv:
+        print("Also the path of any MJCF file, NAME.xml, and MODULE:ID for what a module registers")
+        print("with Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it.")
 
 
 COMMANDS = {f.__name__: f for f in (train, evaluate, report, demo, bodies)}

@@ -19,7 +19,9 @@ class Config:
     """What one training run is: the body, the seed, and every number of the algorithm."""
 
     body: str = "ramp-pointmass"
-    """Body to learn: a built-in name."""
+    """Body to learn: a built-in name, the path of an MJCF file (NAME.xml), or MODULE:ID."""
+    body_options: tuple[str, ...] = ()
+    """Options of the body, each as name=value: travel=true, action_noise=0.1."""
     seed: int = 0
     """Seed of everything random in the run."""
 
@@ -169,6 +171,10 @@ def _check_kind(name: str, value: object, kind: Any) -> None:
     if get_origin(kind) is Literal:
         if value not in (choices := get_args(kind)):
             raise EverystateError(f"{name} = {value!r} is unknown: {suggest(str(value), choices)}")
+        return
+    if get_origin(kind) is tuple:
+        if not (isinstance(value, tuple) and all(isinstance(item, str) for item in value)):
+            raise EverystateError(f"{name} = {value!r} is no tuple of texts: give one")
         return
     accepted = (int, float) if kind is float else kind
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):

@@ -98,10 +98,11 @@ def read(folder: Path) -> tuple[Models, Scale, Config, BodyInfo]:
 
 def config_to_json(config: Config) -> dict[str, Any]:
     """The fields of a config; JSON has no infinity, so that one is a string."""
-    return {
+    values = {
         name: str(x) if isinstance(x, float) and math.isinf(x) else x
         for name, x in asdict(config).items()
     }
+    return values | {"body_options": list(config.body_options)}
 
 
 def config_from_json(values: Mapping[str, Any]) -> Config:
@@ -117,4 +118,6 @@ def config_from_json(values: Mapping[str, Any]) -> Config:
     typed: dict[str, Any] = {
         name: float(x) if known[name] is float else x for name, x in values.items()
     }
+    if "body_options" in typed:
+        typed["body_options"] = tuple(typed["body_options"])
     return Config(**typed)

@@ -1,34 +1,132 @@
-"""Bodies: what learns, each a MuJoCo model stepped many at a time."""
+"""Bodies: what learns, many at a time."""
 
 import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 
+from everystate.envs.adapt import import_module
+from everystate.envs.ant import Ant
 from everystate.envs.body import Body
+from everystate.envs.cartpole import Cartpole
+from everystate.envs.gymnasium_vector import GymnasiumVectorEnv
+from everystate.envs.joints import JointBody
 from everystate.envs.mujoco_vector import MujocoVectorEnv
 from everystate.envs.ramp_pointmass import RampPointmass
+from everystate.envs.vector import BodyVectorEnv, Disturbance, random_play
 from everystate.errors import EverystateError, suggest
 
-__all__ = ["BODIES", "Body", "MujocoVectorEnv", "RampPointmass", "make"]
+__all__ = [
+    "BODIES",
+    "Ant",
+    "Body",
+    "BodyVectorEnv",
+    "Cartpole",
+    "Disturbance",
+    "GymnasiumVectorEnv",
+    "JointBody",
+    "MujocoVectorEnv",
+    "RampPointmass",
+    "make",
+    "parse_options",
+    "random_play",
+]
 
-_BODIES: dict[str, type[Body]] = {"ramp-pointmass": RampPointmass}
+_BODIES: dict[str, type[Body]] = {
+    "ramp-pointmass": RampPointmass,
+    "cartpole": Cartpole,
+    "ant": Ant,
+}
+_DISTURBANCE = tuple(field.name for field in dataclasses.fields(Disturbance))
 
 BODIES = tuple(_BODIES)
 
 
-def make(body: str, num_envs: int, seed: int | None, **options: Any) -> MujocoVectorEnv:
-    """Builds `num_envs` bodies; options are those of the body, `num_threads` and `render_mode`."""
-    if body not in _BODIES:
-        raise EverystateError(f"unknown body {body!r}: {suggest(body, BODIES)}")
-    own = {f.name for f in dataclasses.fields(_BODIES[body])}
-    stepper = {"num_threads", "render_mode"}
-    for name in options.keys() - own - stepper:
-        raise EverystateError(f"{body} has no option {name!r}: {suggest(name, own | stepper)}")
-    built = _BODIES[body](**{name: options[name] for name in options.keys() & own})
-    rest = {name: options[name] for name in options.keys() & stepper}
-    return MujocoVectorEnv(built, num_envs, seed, **rest)
+def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> BodyVectorEnv:
+    """Builds many copies of a body.
 
+    Args:
+        body: one of `BODIES`; the path of an MJCF file, NAME.xml; or `module:id`, where the id is
+            one that the module registers with Gymnasium, or the name of a `Body` class in it.
+        num_envs: how many.
+        seed: of everything random in them; None makes a different run each time.
+        **options: fields of the body's class or arguments of the Gymnasium environment; those of
+            `Disturbance`; `num_threads` (MuJoCo bodies), `ends` (Gymnasium ids), `render_mode`.
+
+    Raises:
+        EverystateError: no such body or option, a model that does not compile, spaces that cannot
+            be learned, or a package that is not installed.
+    """
+    disturbed = {name: options.pop(name) for name in _DISTURBANCE if name in options}
+    kind: type[Body] | None = _BODIES.get(body)
+    if kind is None and body.endswith(".xml"):
+        kind, options = JointBody, {"xml": Path(body), **options}
+    elif kind is None and ":" in body:
+        module, _, name = body.partition(":")
+        found = getattr(import_module(module, body), name, None)
+        if not (isinstance(found, type) and issubclass(found, Body)):
+            return GymnasiumVectorEnv(
+                body, num_envs, seed, disturbance=_built(Disturbance, body, disturbed), **options
+            )
+        kind = found
+    elif kind is None:
+        raise EverystateError(
+            f"unknown body {body!r}: {suggest(body, BODIES)}, the path of an MJCF file ending in"
+            " .xml, or gymnasium:ID"
+        )
+    stepper = {k: options.pop(k) for k in ("num_threads", "render_mode") if k in options}
+    known = {f.name for f in dataclasses.fields(kind)}  # pyright: ignore[reportArgumentType]
+    for name in options.keys() - known:
+        choices = known | {"num_threads", "render_mode", *_DISTURBANCE}
+        raise EverystateError(f"{body} has no option {name!r}: {suggest(name, choices)}")
+    return MujocoVectorEnv(
+        _built(kind, body, options),
+        num_envs,
+        seed,
+        disturbance=_built(Disturbance, body, disturbed),
+        **stepper,
+    )
+
+
+def parse_options(options: Sequence[str]) -> dict[str, Any]:
+    """What `name=value` strings say: numbers, true and false, or else text."""
+    parsed: dict[str, Any] = {}
+    for option in options:
+        name, sign, text = option.partition("=")
+        if not (name.isidentifier() and sign):
+            raise EverystateError(f"body option {option!r}: give name=value, as in travel=true")
+        parsed[name] = _value(text)
+    return parsed
+
+
+def _value(text: str) -> bool | int | float | str:
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _built(kind: type, body: str, options: dict[str, Any]) -> Any:
+    """The dataclass, or an error that names the option whose value is of a wrong kind."""
+    for field in dataclasses.fields(kind):
+        value, accepted = options.get(field.name), _KINDS.get(field.type)
+        if accepted and field.name in options:
+            if not isinstance(value, accepted) or (
+                isinstance(value, bool) and bool not in accepted
+            ):
+                raise EverystateError(
+                    f"{body}: option {field.name} is {value!r}: expected {accepted[-1].__name__}"
+                )
+    return kind(**options)
+
+
+_KINDS: dict[Any, tuple[type, ...]] = {float: (int, float), int: (int,), bool: (bool,)}
 
 for _name, _class in _BODIES.items():
     gymnasium.register(

@@ -1,36 +1,41 @@
 """What the batched stepper must know about a body: one small class per MuJoCo model."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
+import mujoco
 import mujoco.batch
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
+from everystate.errors import EverystateError
 
-@dataclass(frozen=True)
+
 class Body(ABC):
     """A MuJoCo model, how it is driven, and what of it is observed.
 
-    Subclasses are frozen dataclasses without arrays: everything that changes during a run lives in
-    the stepper. `centre` and `spread` are nominal: `(observation - centre) / spread` is about
-    [-1, 1] or of unit standard deviation over the states the body can reach.
+    Subclasses are frozen dataclasses whose fields are the body's options: everything that changes
+    during a run lives in the stepper. `centre` and `spread` are nominal:
+    `(observation - centre) / spread` is about [-1, 1] or of unit standard deviation over the states
+    the body can reach; where they are NaN the stepper measures them under random actions.
     """
 
-    name: ClassVar[str]
-    xml: ClassVar[Path]
-    frame_skip: ClassVar[int]
-    state_names: ClassVar[tuple[str, ...]]
-    state_units: ClassVar[tuple[str, ...]]
-    centre: ClassVar[tuple[float, ...]]
-    spread: ClassVar[tuple[float, ...]]
-    low: ClassVar[tuple[float, ...]]
-    high: ClassVar[tuple[float, ...]]
-    camera: ClassVar[str]
-    # A goal's ghost is drawn this much larger, to be seen around a body that has reached it.
-    ghost_scale: ClassVar[float] = 1.0
+    name: str
+    xml: Path
+    source: str
+    """Where the model came from, for `everystate bodies`."""
+    frame_skip: int
+    """Physics steps per control step."""
+    state_names: tuple[str, ...]
+    state_units: tuple[str, ...]
+    centre: tuple[float, ...]
+    spread: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    camera: str | int = -1
+    """A camera of the model by its name, or -1 for MuJoCo's own view of the whole."""
+    ghost_scale: float = 1.0
+    """A goal's ghost is drawn this much larger, to be seen around a body that has reached it."""
 
     @abstractmethod
     def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:
@@ -51,7 +56,7 @@ class Body(ABC):
     def drive(
         self, actions: Float[np.ndarray, "envs action"], rng: np.random.Generator
     ) -> Float[np.ndarray, "envs nu"]:
-        """Motor signals of one control step, from actions already clipped to [-1, 1]."""
+        """Motor signals of one control step, from actions in [-1, 1] and noise of its own."""
         return actions
 
     def finish(self, batch: mujoco.batch.Batch) -> None:
@@ -71,3 +76,22 @@ class Body(ABC):
     ) -> Bool[np.ndarray, "*n"]:
         """Whether the control step from `before` to `after` was a fall."""
         return np.zeros(before.shape[:-1], dtype=bool)
+
+
+def load_model(xml: Path) -> mujoco.MjModel:
+    """The model in an MJCF file.
+
+    Raises:
+        EverystateError: the file is missing, does not compile, or has no motor.
+    """
+    if not xml.is_file():
+        raise EverystateError(f"there is no MJCF file {xml}: give the path of one")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(xml))
+    except ValueError as error:
+        raise EverystateError(f"{xml} does not compile: {error}") from error
+    if model.nu == 0:
+        raise EverystateError(f"{xml} has no actuator: give its <actuator> at least one motor")
+    # A body that blows up must be seen, not silently put back where it was built.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return model

@@ -1,22 +1,20 @@
-"""Many copies of one MuJoCo body, stepped together and never reset unless asked.
+"""MuJoCo bodies, stepped together.
 
 `mujoco.batch.Batch` steps them on a thread pool, bit for bit as `mj_step` does one by one and so
 independently of the number of threads.
 """
 
 import os
-import secrets
-from typing import Any, ClassVar
+from collections.abc import Sequence
 
-import gymnasium
 import mujoco
 import mujoco.batch
 import numpy as np
-from gymnasium.vector import AutoresetMode
-from jaxtyping import Bool, Float, Float32, Shaped, UInt8
+from jaxtyping import Bool, Float, Shaped, UInt8
 
-from everystate.envs.body import Body
+from everystate.envs.body import Body, load_model
 from everystate.envs.rendering import render_states
+from everystate.envs.vector import BodyVectorEnv, Disturbance, require_finite
 from everystate.errors import EverystateError
 
 # mjSTATE_INTEGRATION by name: all that decides the future of a simulation.
@@ -27,17 +25,8 @@ _PHYSICS = (
 )
 
 
-class MujocoVectorEnv(gymnasium.vector.VectorEnv):
-    """A Gymnasium vector environment without reward, termination, truncation or autoreset.
-
-    Observations are float32 `[num_envs, state]` in the units of `state_units`; actions lie in
-    [-1, 1] and are clipped to it. Arrays returned are the caller's own.
-    """
-
-    metadata: ClassVar[dict[str, Any]] = {
-        "autoreset_mode": AutoresetMode.DISABLED,
-        "render_modes": ["rgb_array"],
-    }
+class MujocoVectorEnv(BodyVectorEnv):
+    """A vector environment without reward, termination, truncation or autoreset."""
 
     def __init__(
         self,
@@ -47,83 +36,41 @@ class MujocoVectorEnv(gymnasium.vector.VectorEnv):
         *,
         num_threads: int | None = None,
         render_mode: str | None = None,
+        disturbance: Disturbance = Disturbance(),
     ) -> None:
         """No seed: a different run each time, as Gymnasium has it.
 
         `num_threads` changes speed only; by default one for every 16 bodies, up to the cores.
         """
-        if num_envs < 1:
-            raise EverystateError(f"num_envs is {num_envs}: at least one body is needed")
         if num_threads is None:
             num_threads = max(1, min(os.cpu_count() or 1, num_envs // 16))
         if num_threads < 1:
             raise EverystateError(f"num_threads is {num_threads}: at least one is needed")
-        if render_mode not in (None, "rgb_array"):
-            raise EverystateError(f"render_mode is {render_mode!r}: choose 'rgb_array' or None")
         self.body = body
-        self.num_envs = num_envs
-        self.render_mode = render_mode
+        self.name, self.source = body.name, body.source
         self.state_names, self.state_units = body.state_names, body.state_units
-        self.centre: Float32[np.ndarray, " state"] = np.array(body.centre, dtype=np.float32)
-        self.spread: Float32[np.ndarray, " state"] = np.array(body.spread, dtype=np.float32)
-        self.model = mujoco.MjModel.from_xml_path(str(body.xml))
-        # A body that blows up must be seen, not silently put back where it was built.
-        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        self.control_step = self.model.opt.timestep * body.frame_skip  # seconds
+        self.nominal = (body.centre, body.spread)
+        self.model = load_model(body.xml)
+        disturbance.perturb(self.model)
+        self.control_step = self.model.opt.timestep * body.frame_skip
+        super().__init__(
+            num_envs, seed, body.low, body.high, self.model.nu, disturbance, render_mode
+        )
         self._batch = mujoco.batch.Batch(self.model, num_envs, nthread=num_threads)
         self._physics = {name: self._batch.bind(name) for name in _PHYSICS}
-        self.single_observation_space = gymnasium.spaces.Box(
-            np.array(body.low, dtype=np.float32), np.array(body.high, dtype=np.float32)
-        )
-        self.single_action_space = gymnasium.spaces.Box(
-            -1.0, 1.0, shape=(self.model.nu,), dtype=np.float32
-        )
-        batch_space = gymnasium.vector.utils.batch_space
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.reset(seed=secrets.randbits(64) if seed is None else seed)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Float32[np.ndarray, "envs state"], dict[str, Any]]:
-        """New initial states for all bodies; a seed restarts the random numbers too."""
-        if seed is not None:
-            if not 0 <= seed < 2**64:
-                raise EverystateError(f"seed is {seed}: choose a whole number from 0 to 2^64 - 1")
-            self._seed, self._draws = seed, 0
-        self.set_observations(self.body.initial(self.num_envs, self._rng()))
-        return self._observe(), {}
-
-    def step(
-        self, actions: Float[np.ndarray, "envs action"]
-    ) -> tuple[
-        Float32[np.ndarray, "envs state"],
-        Float[np.ndarray, " envs"],
-        Bool[np.ndarray, " envs"],
-        Bool[np.ndarray, " envs"],
-        dict[str, Any],
-    ]:
-        """One control step of every body."""
-        actions = np.asarray(actions, dtype=np.float64)
-        expected = (self.num_envs, self.model.nu)
-        if actions.shape != expected:
-            raise EverystateError(f"actions have shape {actions.shape}: expected {expected}")
-        _require_finite(actions, "action", [f"component {i}" for i in range(self.model.nu)])
-        self._physics["ctrl"][:] = self.body.drive(np.clip(actions, -1.0, 1.0), self._rng())
-        self._batch.step(nstep=self.body.frame_skip)
-        self.body.finish(self._batch)
-        never = np.zeros(self.num_envs, dtype=bool)
-        return self._observe(), np.zeros(self.num_envs), never, never.copy(), {}
+        self._ctrl_range = _motor_range(self.model)
+        self._drives = type(body).drive is not Body.drive
+        self.reset()
 
     def set_observations(self, observations: Float[np.ndarray, "envs state"]) -> None:
         """Puts the bodies into the given states, as if they had just been built there."""
         observations = np.asarray(observations, dtype=np.float64)
-        expected = (self.num_envs, len(self.state_names))
-        if observations.shape != expected:
+        if observations.shape != self.observation_space.shape:
             raise EverystateError(
-                f"observations have shape {observations.shape}: expected {expected}"
+                f"observations have shape {observations.shape}: expected"
+                f" {self.observation_space.shape}"
             )
-        _require_finite(observations, "observation", self.state_names)
+        require_finite(observations, self.state_names)
         self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
         self._physics["qpos"][:], self._physics["qvel"][:] = self.body.place(observations)
 
@@ -140,7 +87,7 @@ class MujocoVectorEnv(gymnasium.vector.VectorEnv):
         if found != expected:
             wrong = sorted(n for n in expected | found if expected.get(n) != found.get(n))
             raise EverystateError(
-                f"the state does not belong to {self.num_envs} x {self.body.name}: {wrong[0]!r} has"
+                f"the state does not belong to {self.num_envs} x {self.name}: {wrong[0]!r} has"
                 f" shape {found.get(wrong[0])}, expected {expected.get(wrong[0])}"
             )
         for name in expected.keys() - {"random"}:
@@ -175,22 +122,29 @@ class MujocoVectorEnv(gymnasium.vector.VectorEnv):
         """One picture of each body as it stands now."""
         return tuple(self.render_states(self._observe())) if self.render_mode else None
 
-    def _rng(self) -> np.random.Generator:
-        """A fresh generator for each draw: two integers say where the random numbers stand."""
-        self._draws += 1
-        philox = np.random.Philox(key=[self._seed, 0], counter=[0, 0, self._draws, 0])
-        return np.random.Generator(philox)
+    def _start(self, which: Bool[np.ndarray, " envs"]) -> None:
+        self.set_observations(self.body.initial(self.num_envs, self._rng()))
 
-    def _observe(self) -> Float32[np.ndarray, "envs state"]:
-        observations = self.body.observe(self._physics["qpos"], self._physics["qvel"])
-        _require_finite(observations, "observation", self.state_names)
-        return np.array(observations, dtype=np.float32)
+    def _advance(self, actions: Float[np.ndarray, "envs action"]) -> Bool[np.ndarray, " envs"]:
+        # Making a generator takes as long as a physics step of a small body.
+        signals = self.body.drive(actions, self._rng()) if self._drives else actions
+        if self._ctrl_range is not None:
+            middle, half = self._ctrl_range
+            signals = middle + half * signals
+        self._physics["ctrl"][:] = signals
+        self._batch.step(nstep=self.body.frame_skip)
+        self.body.finish(self._batch)
+        return self._never
+
+    def _observe(self) -> Float[np.ndarray, "envs state"]:
+        return self.body.observe(self._physics["qpos"], self._physics["qvel"])
+
+    def _measurable(self) -> BodyVectorEnv:
+        return MujocoVectorEnv(self.body, 20, 0)
 
 
-def _require_finite(values: np.ndarray, what: str, components: Any) -> None:
-    if not np.isfinite(values).all():
-        env, component = np.argwhere(~np.isfinite(values))[0]
-        raise EverystateError(
-            f"{what} of environment {env} is {values[env, component]} in {components[component]}:"
-            f" it must be finite"
-        )
+def _motor_range(model: mujoco.MjModel) -> Sequence[Float[np.ndarray, " nu"]] | None:
+    """Middle and half of what the motors take, None where that is [-1, 1] or has no bounds."""
+    low, high = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, [-1, 1]).T
+    middle, half = (low + high) / 2, (high - low) / 2
+    return None if (middle == 0).all() and (half == 1).all() else (middle, half)

@@ -14,7 +14,6 @@ covers about 0.077 m of the map instead of 0.1; an idle mass slides down by abou
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import mujoco.batch
 import numpy as np
@@ -77,17 +76,18 @@ class RampPointmass(Body):
     noise_sigma: float = 0.3
     noise_bound: float = 0.6
 
-    name: ClassVar[str] = "ramp-pointmass"
-    xml: ClassVar[Path] = Path(__file__).with_name("ramp_pointmass.xml")
-    frame_skip: ClassVar[int] = 8
-    state_names: ClassVar[tuple[str, ...]] = ("x", "y")
-    state_units: ClassVar[tuple[str, ...]] = ("m", "m")
-    centre: ClassVar[tuple[float, ...]] = (0.0, 0.0)
-    spread: ClassVar[tuple[float, ...]] = (0.6, 0.6)
-    low: ClassVar[tuple[float, ...]] = (-ARENA, -ARENA)
-    high: ClassVar[tuple[float, ...]] = (ARENA, ARENA)
-    camera: ClassVar[str] = "overview"
-    ghost_scale: ClassVar[float] = 1.8
+    name = "ramp-pointmass"
+    xml = Path(__file__).with_name("ramp_pointmass.xml")
+    source = "our own, after Zhang (2019), Fig. 3"
+    frame_skip = 8
+    state_names = ("x", "y")
+    state_units = ("m", "m")
+    centre = (0.0, 0.0)
+    spread = (0.6, 0.6)
+    low = (-ARENA, -ARENA)
+    high = (ARENA, ARENA)
+    camera = "overview"
+    ghost_scale = 1.8
 
     def __post_init__(self) -> None:
         for field, value in (("noise_sigma", self.noise_sigma), ("noise_bound", self.noise_bound)):

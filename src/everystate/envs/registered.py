@@ -6,12 +6,10 @@ import gymnasium
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from everystate.envs import MujocoVectorEnv, make
+from everystate.envs import BodyVectorEnv, make
 
 
-def vector_env(
-    num_envs: int, body: str, seed: int | None = None, **options: Any
-) -> MujocoVectorEnv:
+def vector_env(num_envs: int, body: str, seed: int | None = None, **options: Any) -> BodyVectorEnv:
     """The vector entry point."""
     return make(body, num_envs, seed, **options)
 

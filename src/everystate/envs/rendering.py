@@ -1,7 +1,11 @@
 """Pictures of states, without simulating them again."""
 
+import ctypes.util
+import functools
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -38,6 +42,25 @@ def render_states(
                 _add_ghost(model, ghost, renderer.scene, body.ghost_scale)
             frame[:] = renderer.render()
     return frames
+
+
+@contextmanager
+def headless() -> Iterator[None]:
+    """Lets libraries that ask MUJOCO_GL draw by EGL where there is no screen, as we do."""
+    no_screen = sys.platform == "linux" and not os.environ.get("DISPLAY")
+    if not no_screen or "MUJOCO_GL" in os.environ or not _has_egl():
+        yield
+        return
+    os.environ["MUJOCO_GL"] = "egl"
+    try:
+        yield
+    finally:
+        del os.environ["MUJOCO_GL"]  # without EGL's libraries it would break `import mujoco`
+
+
+@functools.cache
+def _has_egl() -> bool:
+    return ctypes.util.find_library("EGL") is not None
 
 
 def _add_ghost(

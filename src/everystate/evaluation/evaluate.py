@@ -12,7 +12,7 @@ from rich.table import Table
 
 from everystate.agent import config_to_json, load
 from everystate.config import Config
-from everystate.envs import MujocoVectorEnv, make
+from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.evaluation import metrics, suites
 from everystate.evaluation.provenance import provenance
 
@@ -58,7 +58,7 @@ def evaluate(
     run = None
     if isinstance(agent, (str, Path)):
         run, agent = Path(agent), load(agent)
-    suite = suites.load(agent.config.body, goals_file)
+    suite = suites.load(agent.config.body, goals_file, agent.config.body_options)
     if episodes is not None:
         suite = suite.subset(episodes)
     with_policy = _measure(agent, suite, plan=False, seed=seed)
@@ -88,22 +88,30 @@ def evaluate(
 
 def rollout(
     agent: Agent,
-    env: MujocoVectorEnv,
-    starts: Float[np.ndarray, "envs state"],
+    env: BodyVectorEnv,
+    starts: Float[np.ndarray, "envs state"] | None,
     goals: Float[np.ndarray, "envs state"],
     steps: int,
     *,
     plan: bool,
     seed: int,
 ) -> Float[np.ndarray, "_ envs state"]:
-    """States [steps + 1, envs, state] of bodies sent from starts to goals; no episode rule."""
-    env.set_observations(starts)
+    """States [steps + 1, envs, state] of bodies sent from starts to goals; no episode rule.
+
+    Without starts each body sets out from where a reset puts it.
+    """
+    if starts is None:
+        observations, _ = env.reset(seed=seed)
+    else:
+        env.set_observations(starts)
+        observations = np.asarray(starts, dtype=np.float32)
     goals = np.asarray(goals, dtype=np.float32)
-    states = [np.asarray(starts, dtype=np.float32)]
+    states = [observations]
     for step in range(steps):
         # Seeds of different steps must differ, or planning would repeat its noise at every step.
-        actions = agent.act(states[-1], goals, plan=plan, seed=_noise_seed(seed, step))
-        states.append(env.step(actions)[0])
+        actions = agent.act(observations, goals, plan=plan, seed=_noise_seed(seed, step))
+        observations, _, _, _, info = env.step(actions)
+        states.append(info.get("final_obs", observations))
     return np.stack(states)
 
 
@@ -149,7 +157,8 @@ def _noise_seed(seed: int, step: int) -> int:
 
 
 def _measure(agent: Agent, suite: suites.Suite, *, plan: bool, seed: int) -> dict[str, Any]:
-    env = make(suite.body, len(suite.goals), seed)
+    options = parse_options(agent.config.body_options)
+    env = make(suite.body, len(suite.goals), seed, **options)
     starts, goals, horizons = suite.starts, suite.goals, suite.horizons
     states = rollout(agent, env, starts, goals, int(horizons.max()), plan=plan, seed=seed)
     regions = env.regions(goals)

@@ -5,7 +5,9 @@ goal, and in units of `sigma`, the spread of each scored component over a refere
 """
 
 import dataclasses
+import functools
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from everystate import envs
 from everystate.errors import EverystateError, suggest
 
 FOLDER = Path(__file__).with_name("suites")
@@ -34,21 +37,23 @@ class Suite:
     """Components that are angles in radians: their differences are wrapped."""
     position: tuple[str, ...]
     """Components that position-only success looks at."""
-    starts: Float[np.ndarray, "goals state"]
+    starts: Float[np.ndarray, "goals state"] | None
+    """None for a body that can only be reset: then it starts wherever that puts it."""
     goals: Float[np.ndarray, "goals state"]
     horizons: Int[np.ndarray, " goals"]
     """Control steps given for each goal."""
 
     def __post_init__(self) -> None:
-        for name in ("sigma", "starts", "goals"):
-            if not np.isfinite(getattr(self, name)).all():
+        starts = self.goals if self.starts is None else self.starts
+        for name, values in (("sigma", self.sigma), ("starts", starts), ("goals", self.goals)):
+            if not np.isfinite(values).all():
                 raise EverystateError(f"suite {name} of {self.body} must be finite numbers")
         if not (self.sigma > 0).all() or self.sigma.shape != (len(self.components),):
             raise EverystateError(
                 f"suite sigma must be positive, one for each of {self.components}"
             )
-        counts = {len(self.starts), len(self.goals), len(self.horizons)}
-        if len(counts) != 1 or 0 in counts or self.starts.shape != self.goals.shape:
+        counts = {len(starts), len(self.goals), len(self.horizons)}
+        if len(counts) != 1 or 0 in counts or starts.shape != self.goals.shape:
             raise EverystateError(
                 "suite starts, goals and horizons must be equally many, at least 1"
             )
@@ -67,22 +72,23 @@ class Suite:
         if not 1 <= count <= len(self.goals):
             raise EverystateError(f"episodes is {count}: choose 1 to {len(self.goals)}")
         kept = np.linspace(0, len(self.goals) - 1, count).round().astype(int)
-        fields = ("starts", "goals", "horizons")
-        return dataclasses.replace(self, **{name: getattr(self, name)[kept] for name in fields})
+        return dataclasses.replace(
+            self,
+            starts=None if self.starts is None else self.starts[kept],
+            goals=self.goals[kept],
+            horizons=self.horizons[kept],
+        )
 
     def mask(self, names: tuple[str, ...]) -> np.ndarray:
         """Which scored components are named."""
         return np.array([name in names for name in self.components])
 
 
-def load(body: str, path: Path | str | None = None) -> Suite:
-    """The body's own suite, or one from a file."""
+def load(body: str, path: Path | str | None = None, options: Sequence[str] = ()) -> Suite:
+    """The body's own suite, or one from a file; for a body without either, one made on the spot."""
     if path is None:
         if body not in SUITES:
-            raise EverystateError(
-                f"no goal suite for body {body!r} (there are: {', '.join(SUITES)}): give a file of"
-                f" goals in the form of {FOLDER.name}/{SUITES[0]}.json"
-            )
+            return on_the_spot(body, tuple(options))
         path = FOLDER / f"{body}.json"
     try:
         suite = from_json(json.loads(Path(path).read_text()))
@@ -95,6 +101,44 @@ def load(body: str, path: Path | str | None = None) -> Suite:
     if suite.body != body:
         raise EverystateError(f"{path} is a goal suite for {suite.body!r}, not for {body!r}")
     return suite
+
+
+@functools.lru_cache(maxsize=4)
+def on_the_spot(body: str, options: tuple[str, ...] = (), seed: int = 0) -> Suite:
+    """A suite for any body: states that random actions led to, spread as evenly as they allow.
+
+    A body does not get everywhere by chance, so this asks for less than a suite made by hand.
+    """
+    env = envs.make(body, 20, seed, **envs.parse_options(options))
+    played = envs.random_play(env, 400, seed).reshape(-1, len(env.state_names))
+    sigma = env.scored(played).std(axis=0)
+    chosen = spread_out(played / np.where(played.std(axis=0) > 1e-6, played.std(axis=0), 1), 200)
+    rng = np.random.default_rng(seed)
+    names = env.state_names
+    if sigma.shape != (len(names),):
+        raise EverystateError(f"{body} needs a goal suite of its own: give a file of goals")
+    return Suite(
+        body=body,
+        notes="Made on the spot from states reached by random actions.",
+        seed=seed,
+        components=names,
+        sigma=np.where(sigma > 1e-6, sigma, 1.0),
+        angular=(),
+        position=names,
+        starts=played[rng.choice(len(played), len(chosen))] if env.placeable else None,
+        goals=played[chosen],
+        horizons=np.full(len(chosen), 200),
+    )
+
+
+def spread_out(points: Float[np.ndarray, "n dims"], count: int) -> Int[np.ndarray, " count"]:
+    """Indices of points far from one another: each the farthest from all before it."""
+    chosen = [int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmin())]
+    nearest = np.full(len(points), np.inf)
+    for _ in range(min(count, len(points)) - 1):
+        nearest = np.minimum(nearest, ((points - points[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(nearest.argmax()))
+    return np.array(chosen)
 
 
 def from_json(data: dict[str, Any]) -> Suite:

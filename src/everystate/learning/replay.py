@@ -133,13 +133,19 @@ def sample(
     states = draw(replay.state_log_weights, config.batch_size, key=named(key, "states"))
     goals = draw(goal_log_weights, config.batch_size, key=named(key, "goals"))
     slots = draw(transition_log_weights, config.batch_size, key=named(key, "transitions"))
-    # No body is ever reset, so num_bodies slots on is the same body one step later (2.3).
+    # num_bodies slots on is the same body one step later (2.3), unless it came to an end between.
+    steps = jnp.arange(config.hindsight_steps, dtype=jnp.int32)
+    chain = (slots[:, None] + steps[None, :] * config.num_bodies) % replay.capacity
+    reached = replay.transitions.next_observations
+    began = replay.transitions.observations
+    joined = (began[chain[:, 1:]] == reached[chain[:, :-1]]).all(axis=-1)
+    unbroken = joined.cumprod(axis=1, dtype=jnp.int32).sum(axis=1)
+    newer = (replay.position - 1 - slots) % replay.capacity // config.num_bodies
     ahead = jax.random.randint(
         named(key, "hindsight"), slots.shape, 0, config.hindsight_steps, jnp.int32
     )
-    newer = (replay.position - 1 - slots) % replay.capacity // config.num_bodies
-    later = (slots + jnp.minimum(ahead, newer) * config.num_bodies) % replay.capacity
-    reached = replay.transitions.next_observations
+    ahead = jnp.minimum(ahead, jnp.minimum(newer, unbroken))
+    later = (slots + ahead * config.num_bodies) % replay.capacity
     return Minibatch(
         states=reached[states],
         goals=reached[goals],

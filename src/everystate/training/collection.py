@@ -12,7 +12,7 @@ from jaxtyping import Float32
 
 from everystate.algorithm import AgentState, Scale
 from everystate.config import Config
-from everystate.envs import MujocoVectorEnv
+from everystate.envs import BodyVectorEnv
 from everystate.learning.replay import Transitions
 from everystate.training import coverage
 from everystate.training.checkpoint import Snapshot
@@ -29,18 +29,18 @@ class Steps(NamedTuple):
     next_observations: Float32[np.ndarray, "steps bodies s"]
 
 
-def warm_up(config: Config, env: MujocoVectorEnv) -> Snapshot:
+def warm_up(config: Config, env: BodyVectorEnv) -> Snapshot:
     """A new run: uniformly random actions (Algorithm 1 needs some transitions), fresh models."""
     rng = np.random.default_rng([config.seed, zlib.crc32(b"warm-up")])
     observations, _ = env.reset(seed=config.seed)
     taken = []
     for _ in range(config.warmup_steps):
         actions = rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)
-        next_observations = env.step(actions)[0]
-        taken.append((observations, actions, next_observations))
-        observations = next_observations
+        reached, after = _step(env, actions)
+        taken.append((observations, actions, reached))
+        observations = after
     steps = _stacked(taken)
-    scale = Scale(jnp.asarray(env.centre), jnp.asarray(env.spread))
+    scale = Scale(jnp.asarray(env.scaling.centre), jnp.asarray(env.scaling.spread))
     agent = begin(config, to_device(steps), scale)
     visited = coverage.visit(coverage.no_cells(*bounds(env)), steps.next_observations, *bounds(env))
     return Snapshot(agent, env.get_state(), observations, visited)
@@ -48,12 +48,12 @@ def warm_up(config: Config, env: MujocoVectorEnv) -> Snapshot:
 
 def collect(
     config: Config,
-    env: MujocoVectorEnv,
+    env: BodyVectorEnv,
     learner: Learner,
     snapshot: Snapshot,
     interrupted: Callable[[], bool],
-) -> tuple[AgentState, Steps] | None:
-    """One epoch of steps of all bodies; None if interrupted.
+) -> tuple[AgentState, Steps, Float32[np.ndarray, "bodies s"]] | None:
+    """One epoch of steps of all bodies, and what they observe then; None if interrupted.
 
     The snapshot stays as it is: an interrupted epoch can be forgotten.
     """
@@ -62,14 +62,14 @@ def collect(
         if interrupted():
             return None
         agent, actions = learner.act(agent, jnp.asarray(observations))
-        next_observations = env.step(np.asarray(actions))[0]
-        taken.append((observations, np.asarray(actions), next_observations))
-        observations = next_observations
-    return agent, _stacked(taken)
+        reached, after = _step(env, np.asarray(actions))
+        taken.append((observations, np.asarray(actions), reached))
+        observations = after
+    return agent, _stacked(taken), observations
 
 
 def world_metrics(
-    config: Config, env: MujocoVectorEnv, steps: Steps, snapshot: Snapshot
+    config: Config, env: BodyVectorEnv, steps: Steps, snapshot: Snapshot
 ) -> dict[str, int | float]:
     """What an epoch looked like from outside the agent."""
     fell = env.falls(steps.observations, steps.next_observations)
@@ -98,14 +98,14 @@ def save_samples(folder: Path, steps: Steps, snapshot: Snapshot) -> None:
     )
 
 
-def bounds(env: MujocoVectorEnv) -> tuple[Float32[np.ndarray, " s"], Float32[np.ndarray, " s"]]:
+def bounds(env: BodyVectorEnv) -> tuple[Float32[np.ndarray, " s"], Float32[np.ndarray, " s"]]:
     """The lowest and highest state of the body."""
     space = env.single_observation_space
     assert isinstance(space, gymnasium.spaces.Box)
     return space.low, space.high
 
 
-def action_size(env: MujocoVectorEnv) -> int:
+def action_size(env: BodyVectorEnv) -> int:
     """Number of components of an action."""
     return env.action_space.shape[-1] if env.action_space.shape else 0
 
@@ -113,6 +113,17 @@ def action_size(env: MujocoVectorEnv) -> int:
 def to_device(steps: Steps) -> Transitions:
     """What the algorithm takes."""
     return Transitions(*map(jnp.asarray, steps))
+
+
+def _step(
+    env: BodyVectorEnv, actions: np.ndarray
+) -> tuple[Float32[np.ndarray, "bodies s"], Float32[np.ndarray, "bodies s"]]:
+    """What the actions led to, and from where the bodies go on: elsewhere if they came to an end.
+
+    So no transition leads across an end, and a chain of transitions shows where it is broken.
+    """
+    after, _, _, _, info = env.step(actions)
+    return info.get("final_obs", after), after
 
 
 def _stacked(taken: list[tuple[np.ndarray, ...]]) -> Steps:

@@ -16,7 +16,7 @@ from everystate import envs, evaluation
 from everystate.agent import Agent, BodyInfo, keep_compiled_programs
 from everystate.config import Config
 from everystate.config import preset as preset_of
-from everystate.envs import MujocoVectorEnv
+from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.training import checkpoint, coverage
 from everystate.training.checkpoint import Snapshot
@@ -65,7 +65,8 @@ def train(
     else:
         config = preset_of(preset, config_or_body, **overrides)
     keep_compiled_programs()
-    env = envs.make(config.body, config.num_bodies, config.seed)
+    options = envs.parse_options(config.body_options)
+    env = envs.make(config.body, config.num_bodies, config.seed, **options)
     with open_run(Path(run_dir or default_run_dir(config, preset)), config) as folder:
         snapshot = checkpoint.restore(folder / "checkpoints", config, action_size(env))
         done = snapshot.epoch if snapshot else 0
@@ -79,7 +80,7 @@ def train(
 
 def _run(
     config: Config,
-    env: MujocoVectorEnv,
+    env: BodyVectorEnv,
     folder: Path,
     snapshot: Snapshot | None,
     log: Log,
@@ -94,6 +95,9 @@ def _run(
     else:
         log.say(f"resuming {folder} after epoch {snapshot.epoch}")
         env.set_state(snapshot.env)
+        if not env.exact_restore:
+            log.say(f"{env.name} cannot be put back into a state: its bodies start anew")
+            snapshot = snapshot._replace(observations=env.reset()[0])
     learner = compiled(config)
 
     while snapshot.epoch < config.epochs:
@@ -103,7 +107,7 @@ def _run(
             saved = _save(config, env, folder, snapshot)
             log.say(f"stopped; {saved} holds the run after epoch {epoch - 1}")
             raise KeyboardInterrupt
-        agent, steps = collected
+        agent, steps, observations = collected
         agent = learner.observe(agent, to_device(steps))
         jax.block_until_ready(agent.replay.size)
 
@@ -118,7 +122,7 @@ def _run(
             )
 
         visited = coverage.visit(snapshot.visited, steps.next_observations, *bounds(env))
-        snapshot = Snapshot(agent, env.get_state(), steps.next_observations[-1], visited)
+        snapshot = Snapshot(agent, env.get_state(), observations, visited)
         metrics |= world_metrics(config, env, steps, snapshot)
         if config.evaluation_period and epoch % config.evaluation_period == 0:
             metrics |= _evaluation_metrics(_agent(config, env, snapshot))
@@ -137,12 +141,12 @@ def _run(
         raise KeyboardInterrupt
 
 
-def _save(config: Config, env: MujocoVectorEnv, folder: Path, snapshot: Snapshot) -> Path:
+def _save(config: Config, env: BodyVectorEnv, folder: Path, snapshot: Snapshot) -> Path:
     agent = _agent(config, env, snapshot)
     return checkpoint.save(folder / "checkpoints", snapshot, agent, config.checkpoint_period)
 
 
-def _agent(config: Config, env: MujocoVectorEnv, snapshot: Snapshot) -> Agent:
+def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
     body = BodyInfo(tuple(env.state_names), action_size(env))
     return Agent(snapshot.agent.models, snapshot.agent.scale, config, body)
 

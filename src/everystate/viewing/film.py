@@ -4,19 +4,22 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from everystate.envs import MujocoVectorEnv, make
+from everystate.envs import BodyVectorEnv, make, parse_options
+from everystate.errors import EverystateError
 from everystate.evaluation import Agent, metrics, rollout, suites
 from everystate.viewing import plots
 
 FRAMES = 6
 
 
-def filmstrip(agent: Agent, env: MujocoVectorEnv, suite: suites.Suite, *, planning: bool) -> Figure:
+def filmstrip(agent: Agent, env: BodyVectorEnv, suite: suites.Suite, *, planning: bool) -> Figure:
     """The way from the suite's first region to a goal in its last: on the ramp, a climb.
 
     Of the tasks that the policy, or else `planning`, still holds at the end it is the one of median
     duration; where there is none, the first one, and the titles say so.
     """
+    if suite.starts is None:
+        raise EverystateError(f"{env.name} cannot be drawn from what it observes, only live")
     regions = env.regions(suite.goals)
     chosen = (regions == regions[-1]) & (env.regions(suite.starts) == regions[0])
     plan = False
@@ -39,10 +42,11 @@ def filmstrip(agent: Agent, env: MujocoVectorEnv, suite: suites.Suite, *, planni
 
 
 def attempts(
-    agent: Agent, env: MujocoVectorEnv, suite: suites.Suite, *, plan: bool
+    agent: Agent, env: BodyVectorEnv, suite: suites.Suite, *, plan: bool
 ) -> tuple[Float[np.ndarray, "steps goals state"], Float[np.ndarray, " goals"]]:
     """States of all tasks of a suite, and when those held at the end were first reached, or NaN."""
-    bodies, steps = make(suite.body, len(suite.goals), 0), int(suite.horizons.max())
+    options, steps = parse_options(agent.config.body_options), int(suite.horizons.max())
+    bodies = make(suite.body, len(suite.goals), 0, **options)
     states = rollout(agent, bodies, suite.starts, suite.goals, steps, plan=plan, seed=0)
     distance = metrics.distances(
         env.scored(states[1:]), env.scored(suite.goals), suite.sigma, suite.mask(suite.angular)

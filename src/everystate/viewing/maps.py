@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from everystate.envs import MujocoVectorEnv
+from everystate.envs import BodyVectorEnv
 from everystate.envs.ramp_pointmass import ARENA, LEDGE_SOUTH, RAMP_FOOT, RAMP_WEST
 from everystate.evaluation import Agent
 from everystate.viewing.plots import BLACK, GREY, RED, WIDTH, styled
@@ -41,7 +41,7 @@ class Explorer(Agent, Protocol):
     def log_density(self, state: Any) -> Any: ...
 
 
-def drawable(env: MujocoVectorEnv) -> bool:
+def drawable(env: BodyVectorEnv) -> bool:
     """Whether the body's whole state is a place on a map."""
     low, high = _bounds(env)
     return low.shape == (2,) and bool(np.isfinite([low, high]).all())
@@ -49,7 +49,7 @@ def drawable(env: MujocoVectorEnv) -> bool:
 
 @styled
 def value_maps(
-    agent: Agent, env: MujocoVectorEnv, goals: Mapping[str, Float[np.ndarray, " 2"]]
+    agent: Agent, env: BodyVectorEnv, goals: Mapping[str, Float[np.ndarray, " 2"]]
 ) -> Figure:
     """-V(s, g) over the states s, for one goal g per panel."""
     xs, ys, states = _grid(env, _POINTS)
@@ -76,7 +76,7 @@ def value_maps(
 @styled
 def goal_cloud(
     agent: Explorer,
-    env: MujocoVectorEnv,
+    env: BodyVectorEnv,
     visited: Float[np.ndarray, "n 2"],
     training_goals: Float[np.ndarray, "m 2"],
     *,
@@ -105,7 +105,7 @@ def goal_cloud(
 
 @styled
 def policy_arrows(
-    agent: Agent, env: MujocoVectorEnv, goal: Float[np.ndarray, " 2"], *, batch: int = 200
+    agent: Agent, env: BodyVectorEnv, goal: Float[np.ndarray, " 2"], *, batch: int = 200
 ) -> Figure:
     """What the policy does everywhere, and what planning does, on the way to one goal.
 
@@ -129,14 +129,14 @@ def policy_arrows(
     return figure
 
 
-def _bounds(env: MujocoVectorEnv) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(env: BodyVectorEnv) -> tuple[np.ndarray, np.ndarray]:
     space = env.single_observation_space
     assert isinstance(space, Box)
     return space.low, space.high
 
 
 def _grid(
-    env: MujocoVectorEnv, points: int, inset: float = 0.0
+    env: BodyVectorEnv, points: int, inset: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, Float32[np.ndarray, "n 2"]]:
     low, high = _bounds(env)
     margin = inset * (high - low)
@@ -152,13 +152,13 @@ def _steps(
     return np.asarray(agent.steps_to_goal(states, goals))
 
 
-def _beyond(env: MujocoVectorEnv, states: Float[np.ndarray, "n 2"]) -> float:
+def _beyond(env: BodyVectorEnv, states: Float[np.ndarray, "n 2"]) -> float:
     """The share of states outside the body's bounds."""
     low, high = _bounds(env)
     return float(((states < low) | (states > high)).any(axis=1).mean())
 
 
-def _widen(ax: Axes, env: MujocoVectorEnv, states: Float[np.ndarray, "n 2"]) -> None:
+def _widen(ax: Axes, env: BodyVectorEnv, states: Float[np.ndarray, "n 2"]) -> None:
     """Shows nearly all of the states, but not so much of nowhere that the world gets tiny."""
     low, high = _bounds(env)
     centre, half = (high + low) / 2, (high - low) / 2
@@ -168,7 +168,7 @@ def _widen(ax: Axes, env: MujocoVectorEnv, states: Float[np.ndarray, "n 2"]) -> 
     ax.set_ylim(centre[1] - half[1], centre[1] + half[1])
 
 
-def _furnish(ax: Axes, env: MujocoVectorEnv, *, label_y: bool = True) -> None:
+def _furnish(ax: Axes, env: BodyVectorEnv, *, label_y: bool = True) -> None:
     """Bounds, the lie of the land, and names of the axes."""
     low, high = _bounds(env)
     pad = 0.03 * (high - low)
@@ -182,9 +182,9 @@ def _furnish(ax: Axes, env: MujocoVectorEnv, *, label_y: bool = True) -> None:
         axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     (x0, x1), (y0, y1) = zip(low, high, strict=True)
     ax.plot([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], color=GREY, linewidth=0.8, linestyle="-")
-    for x, y in CLIFFS.get(env.body.name, ()):
+    for x, y in CLIFFS.get(env.name, ()):
         ax.plot(x, y, color=BLACK, linewidth=1.8, linestyle="-")
-    for x, y in SEAMS.get(env.body.name, ()):
+    for x, y in SEAMS.get(env.name, ()):
         ax.plot(x, y, color=BLACK, linewidth=1.0, linestyle=":")
     names = [f"{n} ({u})" for n, u in zip(env.state_names, env.state_units, strict=True)]
     ax.set_xlabel(names[0])

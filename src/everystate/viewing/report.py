@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from everystate.agent import load
-from everystate.envs import MujocoVectorEnv, make
+from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
 from everystate.evaluation import suites
 from everystate.training.logging import read_metrics
@@ -65,8 +65,9 @@ def report(
 
 def pictures(run_dir: Path, result: Mapping[str, Any], agent: maps.Explorer) -> list[Picture]:
     """All pictures there are for this run, in the order of the page."""
-    env = make(agent.config.body, 1, 0)
-    suite = suites.load(agent.config.body)
+    config = agent.config
+    env = make(config.body, 1, 0, **parse_options(config.body_options))
+    suite = suites.load(config.body, options=config.body_options)
     found = [
         Picture(
             "success",
@@ -165,7 +166,7 @@ def over_time(run_dir: Path) -> list[Picture]:
 
 
 def on_the_map(
-    run_dir: Path, agent: maps.Explorer, env: MujocoVectorEnv, suite: suites.Suite
+    run_dir: Path, agent: maps.Explorer, env: BodyVectorEnv, suite: suites.Suite
 ) -> list[Picture]:
     """Pictures of the state space, for bodies whose state is a place on a map."""
     if not maps.drawable(env):
@@ -204,9 +205,7 @@ def on_the_map(
     return found
 
 
-def middle_goals(
-    env: MujocoVectorEnv, suite: suites.Suite
-) -> dict[str, Float[np.ndarray, " state"]]:
+def middle_goals(env: BodyVectorEnv, suite: suites.Suite) -> dict[str, Float[np.ndarray, " state"]]:
     """Of each region the suite's goal nearest to the middle of all."""
     regions = env.regions(suite.goals)
     found = {}

@@ -1,0 +1,151 @@
+"""Any Gymnasium environment with numbers in and numbers out, made into a body.
+
+Bodies are named `module:id`, as Gymnasium itself has it: the module is imported, for it registers
+the id. What cannot be learned is refused with the reason, before anything is written.
+"""
+
+import importlib
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Dict, Space
+from jaxtyping import Float
+
+from everystate.envs.rendering import headless
+from everystate.errors import EverystateError
+
+EXTRA = "pip install 'everystate[bodies]'"
+_OPTIONAL = {"gymnasium_robotics", "shimmy", "dm_control", "pygame", "mujoco", "Box2D"}
+_GOAL_KEYS = {"observation", "achieved_goal", "desired_goal"}
+_HUGE = 1e6  # bounds beyond this are no bounds
+
+
+def import_module(name: str, body: str) -> Any:
+    """The module before the colon.
+
+    Raises:
+        EverystateError: it cannot be imported; says which extra it needs.
+    """
+    try:
+        with headless():
+            return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        missing = (error.name or name).partition(".")[0]
+        if missing in _OPTIONAL:
+            raise EverystateError(f"{body} needs {missing}: {EXTRA}") from error
+        raise EverystateError(
+            f"{body}: there is no module {error.name!r}: install it, or put its folder on"
+            " PYTHONPATH"
+        ) from error
+
+
+def make_single(body: str, render_mode: str | None = None, **kwargs: Any) -> gymnasium.Env:
+    """The environment `module:id`, without its time limit.
+
+    Raises:
+        EverystateError: no such id, a missing package, or arguments that it does not take.
+    """
+    module, _, name = body.partition(":")
+    import_module(module, body)
+    kwargs |= {"max_episode_steps": -1, "disable_env_checker": True, "render_mode": render_mode}
+    try:
+        with headless():
+            env = gymnasium.make(name, **kwargs)
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise EverystateError(f"{body} needs another package: {error}; see also {EXTRA}") from error
+    except gymnasium.error.Error as error:
+        raise EverystateError(f"{body}: {error}") from error
+    except TypeError as error:
+        raise EverystateError(f"{body} does not take these options: {error}") from error
+    except (AssertionError, ImportError) as error:
+        raise EverystateError(
+            f"{body} does not work with the packages installed here: {error}"
+        ) from error
+    # dm_control counts steps itself.
+    control = getattr(env.unwrapped, "_env", None)
+    if hasattr(control, "_step_limit"):
+        control._step_limit = float("inf")
+    return env
+
+
+class ActionScaling:
+    """From actions in [-1, 1] to those of an environment."""
+
+    def __init__(self, space: Space, body: str) -> None:
+        if not isinstance(space, Box):
+            raise EverystateError(
+                f"{body} has {_kind(space)} actions: only Box actions can be learned, so wrap it"
+                " in one that takes numbers"
+            )
+        low, high = space.low.astype(np.float64).ravel(), space.high.astype(np.float64).ravel()
+        if not (np.isfinite(low) & np.isfinite(high)).all() or np.abs([low, high]).max() > _HUGE:
+            bad = int(np.argmax(~(np.isfinite(low) & np.isfinite(high))))
+            raise EverystateError(
+                f"action component {bad} of {body} ranges over [{low[bad]:g}, {high[bad]:g}]:"
+                " wrap it in gymnasium.wrappers.RescaleAction with bounds of your choice"
+            )
+        if (low >= high).any():
+            bad = int(np.argmax(low >= high))
+            raise EverystateError(
+                f"action component {bad} of {body} can only be {low[bad]:g}: leave it out"
+            )
+        self.size = low.size
+        self._shape, self._dtype = space.shape, space.dtype
+        self._middle, self._half = (low + high) / 2, (high - low) / 2
+
+    def __call__(self, action: Float[np.ndarray, " action"]) -> np.ndarray:
+        """One action as the environment takes it."""
+        scaled = self._middle + self._half * action
+        return scaled.reshape(self._shape).astype(self._dtype)
+
+
+class Flattening:
+    """From an environment's observations to vectors, with the names of their components.
+
+    Goal environments give their `observation`; other Dict observations all their parts, in the
+    order of the Dict space (Gymnasium's is alphabetical), each part row by row.
+    """
+
+    def __init__(self, space: Space, body: str) -> None:
+        if isinstance(space, Dict):
+            keys = tuple(space.spaces)
+            self._keys = ("observation",) if set(keys) == _GOAL_KEYS else keys
+            parts = {key: space.spaces[key] for key in self._keys}
+        else:
+            self._keys, parts = None, {"observation": space}
+        for key, part in parts.items():
+            if not isinstance(part, Box):
+                raise EverystateError(
+                    f"{body} has {_kind(part)} in its observation {key!r}: only Box observations"
+                    " of numbers can be learned"
+                )
+            if len(part.shape) >= 2 and part.dtype == np.uint8:
+                raise EverystateError(
+                    f"{body} observes images {part.shape}: only states of numbers can be learned"
+                )
+        self._sizes = {key: int(np.prod(part.shape)) for key, part in parts.items()}
+        self.body, self.size = body, sum(self._sizes.values())
+        if self.size == 0:
+            raise EverystateError(f"{body} observes nothing: its observation has no component")
+        self.low = np.concatenate([np.ravel(part.low) for part in parts.values()])
+        self.high = np.concatenate([np.ravel(part.high) for part in parts.values()])
+        unbounded = ~((np.abs(self.low) < _HUGE) & (np.abs(self.high) < _HUGE))
+        self.low = np.where(unbounded, -np.inf, self.low.astype(np.float64))
+        self.high = np.where(unbounded, np.inf, self.high.astype(np.float64))
+        self.names = tuple(f"{key}_{i}" for key, size in self._sizes.items() for i in range(size))
+
+    def __call__(self, observation: Any) -> Float[np.ndarray, " state"]:
+        """One observation as a vector."""
+        parts = [observation] if self._keys is None else [observation[key] for key in self._keys]
+        flat = np.concatenate([np.ravel(part) for part in parts]).astype(np.float64)
+        if flat.size != self.size:
+            raise EverystateError(
+                f"an observation of {self.body} has {flat.size} numbers, where its space says"
+                f" {self.size}: the shape must not change"
+            )
+        return flat
+
+
+def _kind(space: Space) -> str:
+    return type(space).__name__

@@ -1,0 +1,53 @@
+"""Ant: four legs, eight motors, and no way up that differs from the other (Zhang 2019, 5.3).
+
+An ant that lies on its back is the mirror image of one that stands, with its ankles bent the other
+way: so no state is a dead end, and it need never be reset.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from everystate.envs.joints import JointBody
+
+
+@dataclass(frozen=True)
+class Ant(JointBody):
+    """State: height, orientation and joints of the body, and all velocities; see `JointBody`."""
+
+    xml: Path = Path(__file__).with_name("ant.xml")
+    frame_skip: int = 10
+
+    name = "ant"
+    source = "dm_control 1.0.50, third_party/ant/ant.xml (MIT), made symmetric"
+    camera = "overview"
+
+    # Of an ant that stands, tumbles and jumps, where under random actions it mostly lies.
+    nominal = {
+        "torso_z": (0.35, 0.15),
+        "torso_v?": (0.0, 0.7),
+        "torso_w?": (0.0, 2.0),
+        "*_velocity": (0.0, 3.5),
+    }
+
+    def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:
+        """Standing level, facing anywhere."""
+        state = super().initial(num, rng)
+        heading = rng.uniform(-np.pi, np.pi, num)
+        cosine, sine, zero = np.cos(heading), np.sin(heading), np.zeros(num)
+        columns = (cosine, sine, zero, -sine, cosine, zero)
+        state[:, self._columns] = np.stack(columns, axis=1)
+        return state
+
+    def regions(self, observations: Float[np.ndarray, "*n state"]) -> Shaped[np.ndarray, "*n"]:
+        """Whether the torso is within 45 degrees of upright, of upside down, or on its side."""
+        xx, xy, _, yx, yy, _ = np.moveaxis(observations[..., self._columns], -1, 0)
+        up = xx * yy - xy * yx  # the height of the body's own z axis, by the cross product
+        limit = np.sqrt(0.5)
+        return np.where(up > limit, "upright", np.where(up < -limit, "upside down", "side"))
+
+    @property
+    def _columns(self) -> slice:
+        return self.layout.oriented[0][0]

@@ -1,0 +1,164 @@
+"""Bodies that come as Gymnasium environments, one Python object each."""
+
+import functools
+import json
+from typing import Any, ClassVar, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from jaxtyping import Bool, Float, UInt8
+
+from everystate.envs import snapshot
+from everystate.envs.adapt import EXTRA, ActionScaling, Flattening, make_single
+from everystate.envs.rendering import headless
+from everystate.envs.vector import BodyVectorEnv, Disturbance
+from everystate.errors import EverystateError
+
+Ends = Literal["auto", "ignore", "restart"]
+
+
+class GymnasiumVectorEnv(BodyVectorEnv):
+    """Any Gymnasium id with Box observations and actions, stepped one after the other.
+
+    Time limits are taken off and rewards forgotten. Where the environment says that an episode is
+    over, a MuJoCo body simply goes on; any other is put back to a start, and nothing is learned
+    across that (`ends="ignore"` or `"restart"` says otherwise).
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "render_modes": ["rgb_array"],
+    }
+    placeable = False
+
+    def __init__(
+        self,
+        body: str,
+        num_envs: int,
+        seed: int | None = None,
+        *,
+        render_mode: str | None = None,
+        disturbance: Disturbance = Disturbance(),
+        ends: Ends = "auto",
+        **kwargs: Any,
+    ) -> None:
+        """`kwargs` are those of the environment itself."""
+        if ends not in ("auto", "ignore", "restart"):
+            raise EverystateError(f"ends is {ends!r}: choose auto, ignore or restart")
+        first = make_single(body, render_mode, **kwargs)
+        self._flatten = Flattening(first.observation_space, body)
+        self._scale = ActionScaling(first.action_space, body)
+        self._kwargs = kwargs
+        self.name, self.source = body, "Gymnasium"
+        self.state_names, self.state_units = self._flatten.names, ("1",) * self._flatten.size
+        low, high = self._flatten.low, self._flatten.high
+        bounded = np.isfinite(low) & np.isfinite(high) & (low < high)
+        middle, half = np.full((2, low.size), np.nan)
+        middle[bounded] = (low[bounded] + high[bounded]) / 2
+        half[bounded] = (high[bounded] - low[bounded]) / 2 / np.sqrt(3)  # as if uniform
+        self.nominal = (middle, half)
+        found = snapshot.physics(first)
+        step = getattr(first.unwrapped, "dt", None)
+        self.control_step = float(step) if isinstance(step, float) else None
+        self._goes_on = ends == "ignore" or (ends == "auto" and found is not None)
+        super().__init__(num_envs, seed, low, high, self._scale.size, disturbance, render_mode)
+        rest = [make_single(body, render_mode, **kwargs) for _ in range(num_envs - 1)]
+        self.envs: list[gymnasium.Env] = [first, *rest]
+        if disturbance.changes_model:
+            for env in self.envs:
+                found = snapshot.physics(env)
+                if found is None:
+                    raise EverystateError(
+                        f"{body} is no MuJoCo model: its mass, friction and force stay as they are"
+                    )
+                disturbance.perturb(found[0])
+        self._current = np.zeros((num_envs, self._flatten.size))
+        self.reset()
+
+    @functools.cached_property
+    def exact_restore(self) -> bool:
+        """Whether a copy that is given another one's state goes on as that does: tried out."""
+        one, other = (make_single(self.name, **self._kwargs) for _ in range(2))
+        actions = np.random.default_rng(0).uniform(-1, 1, (20, self._scale.size))
+
+        def play(env: gymnasium.Env, actions: np.ndarray) -> list[np.ndarray]:
+            return [self._flatten(env.step(self._scale(action))[0]) for action in actions]
+
+        one.reset(seed=0)
+        play(one, actions[:5])
+        saved = json.loads(json.dumps(snapshot.take(one)))
+        other.reset(seed=1)
+        snapshot.put(other, saved)
+        return bool(np.array_equal(play(one, actions[5:]), play(other, actions[5:])))
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """What can be read of every body, what it observes, and where the random numbers stand."""
+        taken = json.dumps([snapshot.take(env) for env in self.envs])
+        return {
+            "bodies": np.frombuffer(taken.encode(), dtype=np.uint8).copy(),
+            "current": self._current.copy(),
+            "random": np.array([self._seed, self._draws], dtype=np.uint64),
+        }
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Continues from what `get_state` returned, bit for bit where `exact_restore`."""
+        if state.keys() != {"bodies", "current", "random"} or (
+            np.shape(state["current"]) != self._current.shape
+        ):
+            raise EverystateError(f"the state does not belong to {self.num_envs} x {self.name}")
+        saved = json.loads(state["bodies"].tobytes())
+        for env, one in zip(self.envs, saved, strict=True):
+            snapshot.put(env, one)
+        self._current[:] = state["current"]
+        self._seed, self._draws = (int(n) for n in state["random"])
+
+    def set_observations(self, observations: Float[np.ndarray, "envs state"]) -> None:
+        """Impossible: what such a body observes need not be all there is to its state."""
+        raise EverystateError(
+            f"{self.name} cannot be put into a state by what it observes: only reset it"
+        )
+
+    def render_states(
+        self,
+        observations: Float[np.ndarray, "steps state"],
+        goal: Float[np.ndarray, " state"] | None = None,
+        width: int = 320,
+        height: int = 240,
+    ) -> UInt8[np.ndarray, "steps height width 3"]:
+        """Impossible, for the same reason; `render` draws the bodies as they stand."""
+        raise EverystateError(f"{self.name} cannot be drawn from what it observed, only live")
+
+    def render(self) -> tuple[UInt8[np.ndarray, "height width 3"], ...] | None:
+        """One picture of each body as it stands now, by the environment itself."""
+        if self.render_mode is None:
+            return None
+        try:
+            with headless():
+                return tuple(np.asarray(env.render()) for env in self.envs)
+        except gymnasium.error.DependencyNotInstalled as error:
+            raise EverystateError(f"drawing {self.name} needs {EXTRA} ({error})") from error
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Closes every body."""
+        for env in self.envs:
+            env.close()
+
+    def _start(self, which: Bool[np.ndarray, " envs"]) -> None:
+        seeds = self._rng().integers(2**31, size=self.num_envs).tolist()
+        for i in np.flatnonzero(which):
+            self._current[i] = self._flatten(self.envs[i].reset(seed=seeds[i])[0])
+
+    def _advance(self, actions: Float[np.ndarray, "envs action"]) -> Bool[np.ndarray, " envs"]:
+        ended = np.zeros(self.num_envs, dtype=bool)
+        for i, (env, action) in enumerate(zip(self.envs, actions, strict=True)):
+            observation, _, terminated, truncated, _ = env.step(self._scale(action))
+            self._current[i] = self._flatten(observation)
+            ended[i] = (terminated or truncated) and not self._goes_on
+        return ended
+
+    def _observe(self) -> Float[np.ndarray, "envs state"]:
+        return self._current.copy()
+
+    def _measurable(self) -> BodyVectorEnv:
+        return GymnasiumVectorEnv(self.name, 5, 0, **self._kwargs)

@@ -1,0 +1,243 @@
+"""Bodies whose state is that of their joints: any MJCF file, and what ours have in common."""
+
+import fnmatch
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+from mujoco import mjtJoint
+from scipy.spatial.transform import Rotation
+
+from everystate.envs.body import Body, load_model
+from everystate.errors import EverystateError
+
+CONTROL_STEP = 0.04  # seconds, about, of an MJCF file that is given without a frame_skip
+_UNIFORM = 1 / math.sqrt(3)  # standard deviation of a uniform variable on [-1, 1]
+
+
+class Component(NamedTuple):
+    """One number of the state."""
+
+    name: str
+    unit: str
+    centre: float = 0.0
+    spread: float = math.nan
+    bound: float = math.inf
+
+
+@dataclass
+class Layout:
+    """The components of a model's state, and where in qpos each lies."""
+
+    components: list[Component] = field(default_factory=list)
+    copied: list[tuple[int, int]] = field(default_factory=list)
+    """Pairs of an index of the state and one of qpos, which are equal."""
+    turning: list[tuple[int, int]] = field(default_factory=list)
+    """The same of a cosine, before its sine, and its angle."""
+    oriented: list[tuple[slice, slice]] = field(default_factory=list)
+    """The same of two columns of a rotation matrix and their quaternion."""
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, *, travel: bool) -> "Layout":
+        """All positions, then all velocities; x and y of free joints only with `travel`."""
+        layout = cls()
+        for joint in range(model.njnt):
+            layout._pose(model, joint, travel=travel)
+        for joint in range(model.njnt):
+            layout._velocity(model, joint)
+        return layout
+
+    def _pose(self, model: mujoco.MjModel, joint: int, *, travel: bool) -> None:
+        name, kind = _name(model, joint), mjtJoint(model.jnt_type[joint])
+        at = int(model.jnt_qposadr[joint])
+        low, high = model.jnt_range[joint].tolist()
+        limited = bool(model.jnt_limited[joint])
+        if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
+            if kind == mjtJoint.mjJNT_FREE:
+                for axis in range(0 if travel else 2, 3):
+                    self._copy(at + axis, Component(f"{name}_{'xyz'[axis]}", "m", math.nan))
+                at += 3
+            size = len(self.components)
+            self.oriented.append((slice(size, size + 6), slice(at, at + 4)))
+            names = [f"{name}_{column}{axis}" for column in "xy" for axis in "xyz"]
+            self.components += [Component(n, "1", 0.0, _UNIFORM, 1.0) for n in names]
+        elif kind == mjtJoint.mjJNT_HINGE and not (limited and high - low < 2 * math.pi):
+            self.turning.append((len(self.components), at))
+            names = (f"cos_{name}", f"sin_{name}")
+            self.components += [Component(n, "1", 0.0, math.sqrt(0.5), 1.0) for n in names]
+        else:
+            unit = "m" if kind == mjtJoint.mjJNT_SLIDE else "rad"
+            nominal = ((low + high) / 2, (high - low) / 2 * _UNIFORM) if limited else (math.nan,)
+            self._copy(at, Component(name, unit, *nominal))
+
+    def _copy(self, at: int, component: Component) -> None:
+        self.copied.append((len(self.components), at))
+        self.components.append(component)
+
+    def _velocity(self, model: mujoco.MjModel, joint: int) -> None:
+        name, kind = _name(model, joint), mjtJoint(model.jnt_type[joint])
+        if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
+            if kind == mjtJoint.mjJNT_FREE:
+                self.components += [Component(f"{name}_v{axis}", "m/s") for axis in "xyz"]
+            self.components += [Component(f"{name}_w{axis}", "rad/s") for axis in "xyz"]
+        else:
+            unit = "m/s" if kind == mjtJoint.mjJNT_SLIDE else "rad/s"
+            self.components.append(Component(f"{name}_velocity", unit))
+
+
+@dataclass(frozen=True)
+class JointBody(Body):
+    """A body observed through its joints: all positions, then all velocities.
+
+    A slide gives its position, a hinge with a range its angle, a hinge that turns right round the
+    cosine and sine of it. An orientation gives the first two columns of its rotation matrix: six
+    numbers without the jumps of angles or the double cover of quaternions (Zhou et al. 2019, "On
+    the Continuity of Rotation Representations"). A free joint gives its height, and where it has
+    got to only with `travel`: to a place without bounds nobody comes back. Velocities are
+    MuJoCo's: a free joint's linear one is in the world's frame, its angular one in the body's.
+    """
+
+    xml: Path
+    frame_skip: int = 0
+    """Physics steps per control step; 0 makes control steps of about 40 ms."""
+    travel: bool = False
+    """Observe x and y of free joints, in metres from the origin."""
+
+    source = "your own file"
+    nominal: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Centre and spread of components by the pattern of their names, where one knows better."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.frame_skip <= 1000:
+            raise EverystateError(f"frame_skip is {self.frame_skip}: choose 1 to 1000")
+        if self.frame_skip == 0:
+            skip = max(1, round(CONTROL_STEP / self.model.opt.timestep))
+            object.__setattr__(self, "frame_skip", skip)
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The path of the file, as it was given."""
+        return str(self.xml)
+
+    @functools.cached_property
+    def model(self) -> mujoco.MjModel:
+        """The model in the file."""
+        return load_model(self.xml)
+
+    @functools.cached_property
+    def layout(self) -> Layout:
+        """How a state is read off the physics."""
+        return Layout.of(self.model, travel=self.travel)
+
+    @functools.cached_property
+    def state_names(self) -> tuple[str, ...]:
+        """After the joints, as named in the file."""
+        return tuple(c.name for c in self.layout.components)
+
+    @functools.cached_property
+    def state_units(self) -> tuple[str, ...]:
+        """Metres, radians, seconds; 1 where there is no unit."""
+        return tuple(c.unit for c in self.layout.components)
+
+    @functools.cached_property
+    def centre(self) -> tuple[float, ...]:
+        """Nominal, or the middle of the range; NaN without either."""
+        return tuple(self._nominal(c)[0] for c in self.layout.components)
+
+    @functools.cached_property
+    def spread(self) -> tuple[float, ...]:
+        """Nominal, or as if uniform over the range; NaN without either."""
+        return tuple(self._nominal(c)[1] for c in self.layout.components)
+
+    @functools.cached_property
+    def high(self) -> tuple[float, ...]:
+        """Only of cosines and the like: joints give way at their limits."""
+        return tuple(c.bound for c in self.layout.components)
+
+    @functools.cached_property
+    def low(self) -> tuple[float, ...]:
+        """See `high`."""
+        return tuple(-c.bound for c in self.layout.components)
+
+    def _nominal(self, component: Component) -> tuple[float, float]:
+        for pattern, values in self.nominal.items():
+            if fnmatch.fnmatchcase(component.name, pattern):
+                return values
+        return component.centre, component.spread
+
+    def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:
+        """In the file's first keyframe, or else as it was drawn; nudged, no two bodies alike."""
+        model = self.model
+        pose = model.key_qpos[0] if model.nkey else model.qpos0
+        return self.observe(np.tile(pose, (num, 1)), rng.normal(0.0, 0.05, (num, model.nv)))
+
+    def observe(
+        self, qpos: Float[np.ndarray, "envs nq"], qvel: Float[np.ndarray, "envs nv"]
+    ) -> Float[np.ndarray, "envs state"]:
+        """Positions and velocities of the joints."""
+        copied, turning = self._indices
+        state = np.empty((len(qpos), len(self.layout.components)))
+        state[:, copied[0]] = qpos[:, copied[1]]
+        if turning.size:
+            angles = qpos[:, turning[1]]
+            state[:, turning[0]] = np.cos(angles)
+            state[:, turning[0] + 1] = np.sin(angles)
+        for columns, quaternion in self.layout.oriented:
+            state[:, columns] = _two_columns(qpos[:, quaternion])
+        state[:, -self.model.nv :] = qvel
+        return state
+
+    def place(
+        self, observations: Float[np.ndarray, "envs state"]
+    ) -> tuple[Float[np.ndarray, "envs nq"], Float[np.ndarray, "envs nv"]]:
+        """The joints as observed, made a true orientation; x and y as in the file if unseen."""
+        copied, turning = self._indices
+        qpos = np.tile(self.model.qpos0, (len(observations), 1))
+        qpos[:, copied[1]] = observations[:, copied[0]]
+        if turning.size:
+            sines, cosines = observations[:, turning[0] + 1], observations[:, turning[0]]
+            qpos[:, turning[1]] = np.arctan2(sines, cosines)
+        for columns, quaternion in self.layout.oriented:
+            qpos[:, quaternion] = _quaternions(observations[:, columns])
+        return qpos, np.array(observations[:, -self.model.nv :])
+
+    @functools.cached_property
+    def _indices(self) -> tuple[Int[np.ndarray, "2 n"], Int[np.ndarray, "2 m"]]:
+        copied, turning = self.layout.copied, self.layout.turning
+        return tuple(np.array(x, dtype=np.intp).reshape(-1, 2).T for x in (copied, turning))
+
+
+def _name(model: mujoco.MjModel, joint: int) -> str:
+    return model.joint(joint).name or f"joint{joint}"
+
+
+def _two_columns(quaternions: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 6"]:
+    """The first two columns of the rotation matrices of unit quaternions (w, x, y, z)."""
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    first = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    second = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
+    return np.clip(np.stack(first + second, axis=1), -1.0, 1.0)
+
+
+def _quaternions(columns: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 4"]:
+    """The rotations whose matrices have nearly these two columns, by Gram and Schmidt."""
+    first = _unit(columns[:, :3], [1.0, 0.0, 0.0])
+    along = (columns[:, 3:] * first).sum(axis=1, keepdims=True)
+    # Where the second is no direction of its own, any that stands on the first will do.
+    spare = np.roll(first, 1, axis=1)
+    spare -= (spare * first).sum(axis=1, keepdims=True) * first
+    second = _unit(columns[:, 3:] - along * first, spare)
+    matrices = np.stack([first, second, np.cross(first, second)], axis=-1)
+    return Rotation.from_matrix(matrices).as_quat(canonical=True, scalar_first=True)
+
+
+def _unit(vectors: Float[np.ndarray, "n 3"], otherwise) -> Float[np.ndarray, "n 3"]:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    vectors = np.where(lengths > 1e-6, vectors, otherwise)
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -1,0 +1,304 @@
+"""Many copies of one body, stepped together and never reset unless asked: the part all share."""
+
+import functools
+import math
+import secrets
+import textwrap
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from jaxtyping import Bool, Float, Float32, Shaped, UInt8
+
+from everystate.errors import EverystateError
+
+_TOLERANCE = 1e-6  # what rounding may carry an action beyond [-1, 1]
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """How the world differs from what the model says; all off by default."""
+
+    action_noise: float = 0.0
+    """Standard deviation of noise on every action component, which is then clipped to [-1, 1]."""
+    sensor_noise: float = 0.0
+    """Standard deviation of noise on every observation, in units of `spread`."""
+    action_repeat: int = 1
+    """Control steps for which one action is kept."""
+    mass: float = 1.0
+    """Factor on all masses and inertias (MuJoCo models)."""
+    friction: float = 1.0
+    """Factor on all friction: of contacts, and in joints (MuJoCo models)."""
+    force: float = 1.0
+    """Factor on what the motors give (MuJoCo models)."""
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.action_repeat, int) and 1 <= self.action_repeat <= 1000):
+            raise EverystateError(f"action_repeat is {self.action_repeat!r}: choose 1 to 1000")
+        for name in ("action_noise", "sensor_noise"):
+            if not 0.0 <= getattr(self, name) <= 10.0:
+                raise EverystateError(f"{name} is {getattr(self, name)}: choose 0 to 10")
+        for name in ("mass", "friction", "force"):
+            if not 0.01 <= getattr(self, name) <= 100.0:
+                raise EverystateError(f"{name} is {getattr(self, name)}: choose 0.01 to 100")
+
+    @property
+    def changes_model(self) -> bool:
+        """Whether `perturb` has anything to do."""
+        return not self.mass == self.friction == self.force == 1.0
+
+    def perturb(self, model: mujoco.MjModel) -> None:
+        """Changes a model's masses, friction and motors, and all that follows from them."""
+        if not self.changes_model:
+            return
+        model.body_mass[:] *= self.mass
+        model.body_inertia[:] *= self.mass
+        model.geom_friction[:] *= self.friction
+        model.pair_friction[:] *= self.friction
+        model.dof_frictionloss[:] *= self.friction
+        model.actuator_gear[:] *= self.force
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+class Scaling(NamedTuple):
+    """What makes a body's states about of unit size: (state - centre) / spread."""
+
+    centre: Float32[np.ndarray, " state"]
+    spread: Float32[np.ndarray, " state"]
+    constant: Bool[np.ndarray, " state"]
+    """Components that never changed under random actions."""
+
+
+class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
+    """A Gymnasium vector environment without reward or time limit.
+
+    Observations are float32 `[num_envs, state]` in the units of `state_units`; actions lie in
+    [-1, 1]. Arrays returned are the caller's own. Where a body can come to an end, it is put back
+    to a start within the same step, as Gymnasium's `SAME_STEP` has it: `terminated` tells which,
+    and `info["final_obs"]` has the observations before that.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "autoreset_mode": AutoresetMode.DISABLED,
+        "render_modes": ["rgb_array"],
+    }
+    name: str
+    source: str
+    """Where the model came from."""
+    state_names: tuple[str, ...]
+    state_units: tuple[str, ...]
+    nominal: tuple[Sequence[float] | Float[np.ndarray, " state"], ...]
+    """Centre and spread, NaN where they are to be measured."""
+    control_step: float | None
+    """Seconds of one step, if known."""
+    placeable: bool = True
+    """Whether `set_observations` and `render_states` are possible."""
+    exact_restore: bool = True
+    """Whether `set_state` brings back all that decides the future."""
+
+    def __init__(
+        self,
+        num_envs: int,
+        seed: int | None,
+        low: Sequence[float] | Float[np.ndarray, " state"],
+        high: Sequence[float] | Float[np.ndarray, " state"],
+        action_size: int,
+        disturbance: Disturbance,
+        render_mode: str | None,
+    ) -> None:
+        if num_envs < 1:
+            raise EverystateError(f"num_envs is {num_envs}: at least one body is needed")
+        if render_mode not in (None, "rgb_array"):
+            raise EverystateError(f"render_mode is {render_mode!r}: choose 'rgb_array' or None")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.disturbance = disturbance
+        box, batched = gymnasium.spaces.Box, gymnasium.vector.utils.batch_space
+        self.single_observation_space = box(
+            np.asarray(low, dtype=np.float32), np.asarray(high, dtype=np.float32)
+        )
+        self.single_action_space = box(-1.0, 1.0, shape=(action_size,), dtype=np.float32)
+        self.observation_space = batched(self.single_observation_space, num_envs)
+        self.action_space = batched(self.single_action_space, num_envs)
+        self._never = np.zeros(num_envs, dtype=bool)
+        self._seed, self._draws = secrets.randbits(63) if seed is None else checked_seed(seed), 0
+
+    # --- What a kind of body has to say ---
+
+    @abstractmethod
+    def _start(self, which: Bool[np.ndarray, " envs"]) -> None:
+        """Puts these bodies to new initial states."""
+
+    @abstractmethod
+    def _advance(self, actions: Float[np.ndarray, "envs action"]) -> Bool[np.ndarray, " envs"]:
+        """One control step, under actions in [-1, 1]; returns which bodies came to an end."""
+
+    @abstractmethod
+    def _observe(self) -> Float[np.ndarray, "envs state"]:
+        """The state of every body, without noise."""
+
+    @abstractmethod
+    def get_state(self) -> dict[str, np.ndarray]:
+        """All that decides the future: the physics, and where the random numbers stand."""
+
+    @abstractmethod
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Continues from what `get_state` returned, bit for bit where `exact_restore`."""
+
+    @abstractmethod
+    def set_observations(self, observations: Float[np.ndarray, "envs state"]) -> None:
+        """Puts the bodies into the given states, as if they had just been built there."""
+
+    @abstractmethod
+    def render_states(
+        self,
+        observations: Float[np.ndarray, "steps state"],
+        goal: Float[np.ndarray, " state"] | None = None,
+        width: int = 320,
+        height: int = 240,
+    ) -> UInt8[np.ndarray, "steps height width 3"]:
+        """Pictures of stored states; a goal appears as a translucent ghost."""
+
+    @abstractmethod
+    def _measurable(self) -> "BodyVectorEnv":
+        """Some bodies of this kind, undisturbed, to measure the scaling with."""
+
+    # --- What follows ---
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float32[np.ndarray, "envs state"], dict[str, Any]]:
+        """New initial states for all bodies; a seed restarts the random numbers too."""
+        if seed is not None:
+            self._seed, self._draws = checked_seed(seed), 0
+        self._start(~self._never)
+        return self._sense(), {}
+
+    def step(
+        self, actions: Float[np.ndarray, "envs action"]
+    ) -> tuple[
+        Float32[np.ndarray, "envs state"],
+        Float[np.ndarray, " envs"],
+        Bool[np.ndarray, " envs"],
+        Bool[np.ndarray, " envs"],
+        dict[str, Any],
+    ]:
+        """One control step of every body, or `action_repeat` of them."""
+        actions = self._checked(actions)
+        if sigma := self.disturbance.action_noise:
+            noise = self._rng().normal(0.0, sigma, actions.shape)
+            actions = np.clip(actions + noise, -1.0, 1.0)
+        for _ in range(self.disturbance.action_repeat):
+            ended = self._advance(actions)
+            if ended.any():
+                break
+        observations, info = self._sense(), {}
+        if ended.any():
+            info = {"final_obs": observations.copy(), "_final_obs": ended.copy()}
+            self._start(ended)
+            observations[ended] = self._sense()[ended]
+        return observations, np.zeros(self.num_envs), ended.copy(), self._never.copy(), info
+
+    def describe(self) -> str:
+        """What it is, in lines for people: sizes, state, control step, source."""
+        actions = self.single_action_space.shape[0]
+        pace = f"one every {1000 * self.control_step:g} ms" if self.control_step else "pace unknown"
+        constant = self.scaling.constant
+        parts = [
+            name + ("" if unit == "1" else f" [{unit}]") + (" (constant)" if still else "")
+            for name, unit, still in zip(self.state_names, self.state_units, constant, strict=True)
+        ]
+        state = textwrap.fill(", ".join(parts), 78, initial_indent="  ", subsequent_indent="  ")
+        return (
+            f"{self.name}: {len(parts)} state components, {actions} actions, {pace}\n"
+            f"  from {self.source}\n{state}"
+        )
+
+    def regions(self, observations: Float[np.ndarray, "*n state"]) -> Shaped[np.ndarray, "*n"]:
+        """The name of the part of the world each state lies in."""
+        return np.full(np.shape(observations)[:-1], "all")
+
+    def scored(self, observations: Float[np.ndarray, "*n state"]) -> Float[np.ndarray, "*n scored"]:
+        """What a success metric compares; a new array."""
+        return np.array(observations)
+
+    def falls(
+        self, before: Float[np.ndarray, "*n state"], after: Float[np.ndarray, "*n state"]
+    ) -> Bool[np.ndarray, "*n"]:
+        """Which control steps from `before` to `after` were falls."""
+        return np.zeros(np.shape(before)[:-1], dtype=bool)
+
+    @functools.cached_property
+    def scaling(self) -> Scaling:
+        """Nominal where the body says so, else measured; the same at every call and seed."""
+        centre, spread = (np.array(x, dtype=np.float64) for x in self.nominal)
+        constant = np.zeros(centre.shape, dtype=bool)
+        if np.isnan([centre, spread]).any():
+            played = random_play(self._measurable(), steps=200)
+            deviation = played.std(axis=(0, 1))
+            constant = np.isnan(spread) & (deviation < 1e-6)
+            centre = np.where(np.isnan(centre), played.mean(axis=(0, 1)), centre)
+            spread = np.where(np.isnan(spread), np.where(constant, 1.0, deviation), spread)
+        return Scaling(centre.astype(np.float32), spread.astype(np.float32), constant)
+
+    def _checked(self, actions: Float[np.ndarray, "..."]) -> Float[np.ndarray, "envs action"]:
+        actions = np.asarray(actions, dtype=np.float64)
+        if actions.shape != self.action_space.shape:
+            raise EverystateError(
+                f"actions have shape {actions.shape}: expected {self.action_space.shape}"
+            )
+        largest = np.abs(actions).max()
+        if not largest <= 1.0 + _TOLERANCE:
+            bad = tuple(np.argwhere(~(np.abs(actions) <= 1.0 + _TOLERANCE))[0])
+            what = "lie in [-1, 1]: clip it" if math.isfinite(actions[bad]) else "be finite"
+            raise EverystateError(
+                f"action of environment {bad[0]} is {actions[bad]} in component {bad[1]}:"
+                f" it must {what}"
+            )
+        return np.clip(actions, -1.0, 1.0) if largest > 1.0 else actions
+
+    def _sense(self) -> Float32[np.ndarray, "envs state"]:
+        observations = self._observe()
+        require_finite(observations, self.state_names)
+        if sigma := self.disturbance.sensor_noise:
+            noise = self._rng().normal(0.0, sigma, observations.shape)
+            observations = observations + noise * self.scaling.spread
+        return observations.astype(np.float32)
+
+    def _rng(self) -> np.random.Generator:
+        """A fresh generator for each draw: two integers say where the random numbers stand."""
+        self._draws += 1
+        philox = np.random.Philox(key=[self._seed, 0], counter=[0, 0, self._draws, 0])
+        return np.random.Generator(philox)
+
+
+def random_play(
+    env: BodyVectorEnv, steps: int, seed: int = 0
+) -> Float32[np.ndarray, "steps envs state"]:
+    """Observations under uniformly random actions, after a reset."""
+    rng = np.random.default_rng(seed)
+    env.reset(seed=seed)
+    size = (env.num_envs, *env.single_action_space.shape)
+    return np.stack([env.step(rng.uniform(-1, 1, size))[0] for _ in range(steps)])
+
+
+def checked_seed(seed: int) -> int:
+    """The seed, if it is one."""
+    if not 0 <= seed < 2**64:
+        raise EverystateError(f"seed is {seed}: choose a whole number from 0 to 2^64 - 1")
+    return seed
+
+
+def require_finite(observations: Float[np.ndarray, "envs state"], names: Sequence[str]) -> None:
+    """Raises an error that names the first value that is not finite."""
+    if not np.isfinite(observations).all():
+        env, component = np.argwhere(~np.isfinite(observations))[0]
+        raise EverystateError(
+            f"observation of environment {env} is {observations[env, component]} in"
+            f" {names[component]}: it must be finite"
+        )
