@@ -136,6 +136,7 @@ def test_suites_are_what_their_script_makes(tmp_path: Path) -> None:
 
 def test_ramp_suite_is_spread_and_keeps_off_the_edges() -> None:
     suite = suites.load("ramp-pointmass")
+    assert suite.starts is not None
     names, counts = np.unique(region(suite.goals), return_counts=True)
     assert dict(zip(names.tolist(), counts.tolist(), strict=True)) == {
         "floor": 80,

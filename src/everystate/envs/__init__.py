@@ -115,14 +115,14 @@ def _value(text: str) -> bool | int | float | str:
 def _built(kind: type, body: str, options: dict[str, Any]) -> Any:
     """The dataclass, or an error that names the option whose value is of a wrong kind."""
     for field in dataclasses.fields(kind):
-        value, accepted = options.get(field.name), _KINDS.get(field.type)
-        if accepted and field.name in options:
-            if not isinstance(value, accepted) or (
-                isinstance(value, bool) and bool not in accepted
-            ):
-                raise EverystateError(
-                    f"{body}: option {field.name} is {value!r}: expected {accepted[-1].__name__}"
-                )
+        accepted = _KINDS.get(field.type)
+        if accepted is None or field.name not in options:
+            continue
+        value = options[field.name]
+        if not isinstance(value, accepted) or (isinstance(value, bool) and bool not in accepted):
+            raise EverystateError(
+                f"{body}: option {field.name} is {value!r}: expected {accepted[-1].__name__}"
+            )
     return kind(**options)
 
 

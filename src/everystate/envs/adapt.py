@@ -63,7 +63,7 @@ def make_single(body: str, render_mode: str | None = None, **kwargs: Any) -> gym
             f"{body} does not work with the packages installed here: {error}"
         ) from error
     # dm_control counts steps itself.
-    control = getattr(env.unwrapped, "_env", None)
+    control: Any = getattr(env.unwrapped, "_env", None)
     if hasattr(control, "_step_limit"):
         control._step_limit = float("inf")
     return env
@@ -114,22 +114,13 @@ class Flattening:
             parts = {key: space.spaces[key] for key in self._keys}
         else:
             self._keys, parts = None, {"observation": space}
-        for key, part in parts.items():
-            if not isinstance(part, Box):
-                raise EverystateError(
-                    f"{body} has {_kind(part)} in its observation {key!r}: only Box observations"
-                    " of numbers can be learned"
-                )
-            if len(part.shape) >= 2 and part.dtype == np.uint8:
-                raise EverystateError(
-                    f"{body} observes images {part.shape}: only states of numbers can be learned"
-                )
-        self._sizes = {key: int(np.prod(part.shape)) for key, part in parts.items()}
+        boxes = {key: _numbers(part, key, body) for key, part in parts.items()}
+        self._sizes = {key: int(np.prod(box.shape)) for key, box in boxes.items()}
         self.body, self.size = body, sum(self._sizes.values())
         if self.size == 0:
             raise EverystateError(f"{body} observes nothing: its observation has no component")
-        self.low = np.concatenate([np.ravel(part.low) for part in parts.values()])
-        self.high = np.concatenate([np.ravel(part.high) for part in parts.values()])
+        self.low = np.concatenate([np.ravel(part.low) for part in boxes.values()])
+        self.high = np.concatenate([np.ravel(part.high) for part in boxes.values()])
         unbounded = ~((np.abs(self.low) < _HUGE) & (np.abs(self.high) < _HUGE))
         self.low = np.where(unbounded, -np.inf, self.low.astype(np.float64))
         self.high = np.where(unbounded, np.inf, self.high.astype(np.float64))
@@ -145,6 +136,19 @@ class Flattening:
                 f" {self.size}: the shape must not change"
             )
         return flat
+
+
+def _numbers(space: Space, key: str, body: str) -> Box:
+    if not isinstance(space, Box):
+        raise EverystateError(
+            f"{body} has {_kind(space)} in its observation {key!r}: only Box observations of"
+            " numbers can be learned"
+        )
+    if len(space.shape) >= 2 and space.dtype == np.uint8:
+        raise EverystateError(
+            f"{body} observes images {space.shape}: only states of numbers can be learned"
+        )
+    return space
 
 
 def _kind(space: Space) -> str:

@@ -6,18 +6,21 @@ way: so no state is a dead end, and it need never be reset.
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from everystate.envs.joints import JointBody
 
+_XML = Path(__file__).with_name("ant.xml")
+
 
 @dataclass(frozen=True)
 class Ant(JointBody):
     """State: height, orientation and joints of the body, and all velocities; see `JointBody`."""
 
-    xml: Path = Path(__file__).with_name("ant.xml")
+    xml: Path = _XML
     frame_skip: int = 10
 
     name = "ant"
@@ -25,7 +28,7 @@ class Ant(JointBody):
     camera = "overview"
 
     # Of an ant that stands, tumbles and jumps, where under random actions it mostly lies.
-    nominal = {
+    nominal: ClassVar = {
         "torso_z": (0.35, 0.15),
         "torso_v?": (0.0, 0.7),
         "torso_w?": (0.0, 2.0),

@@ -6,25 +6,31 @@ The angle of the pole is 0 when it stands up. It begins hanging, nearly at rest,
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from everystate.envs.joints import JointBody
 
+_XML = Path(__file__).with_name("cartpole.xml")
+
 
 @dataclass(frozen=True)
 class Cartpole(JointBody):
     """State: x of the cart, cosine and sine of the pole's angle, and both velocities."""
 
-    xml: Path = Path(__file__).with_name("cartpole.xml")
+    xml: Path = _XML
     frame_skip: int = 4
 
     name = "cartpole"
     source = "dm_control 1.0.50, suite/cartpole.xml (Apache-2.0)"
     camera = "overview"
     # About what a swing up through the top and a turn a second take.
-    nominal = {"cart_velocity": (0.0, 2.0), "pole_velocity": (0.0, 5.0)}
+    nominal: ClassVar = {
+        "cart_velocity": (0.0, 2.0),
+        "pole_velocity": (0.0, 5.0),
+    }
 
     def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs 5"]:
         """Hanging within 0.1 rad, anywhere on the middle half of the rail, slowly moving."""

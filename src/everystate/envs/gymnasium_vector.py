@@ -39,13 +39,14 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         seed: int | None = None,
         *,
         render_mode: str | None = None,
-        disturbance: Disturbance = Disturbance(),
+        disturbance: Disturbance | None = None,
         ends: Ends = "auto",
         **kwargs: Any,
     ) -> None:
         """`kwargs` are those of the environment itself."""
         if ends not in ("auto", "ignore", "restart"):
             raise EverystateError(f"ends is {ends!r}: choose auto, ignore or restart")
+        disturbance = disturbance or Disturbance()
         first = make_single(body, render_mode, **kwargs)
         self._flatten = Flattening(first.observation_space, body)
         self._scale = ActionScaling(first.action_space, body)

@@ -109,6 +109,7 @@ class JointBody(Body):
     travel: bool = False
     """Observe x and y of free joints, in metres from the origin."""
 
+    name = ""  # if it has none of its own, the path of the file as it was given
     source = "your own file"
     nominal: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Centre and spread of components by the pattern of their names, where one knows better."""
@@ -119,11 +120,8 @@ class JointBody(Body):
         if self.frame_skip == 0:
             skip = max(1, round(CONTROL_STEP / self.model.opt.timestep))
             object.__setattr__(self, "frame_skip", skip)
-
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """The path of the file, as it was given."""
-        return str(self.xml)
+        if not self.name:
+            object.__setattr__(self, "name", str(self.xml))
 
     @functools.cached_property
     def model(self) -> mujoco.MjModel:
@@ -209,8 +207,11 @@ class JointBody(Body):
 
     @functools.cached_property
     def _indices(self) -> tuple[Int[np.ndarray, "2 n"], Int[np.ndarray, "2 m"]]:
-        copied, turning = self.layout.copied, self.layout.turning
-        return tuple(np.array(x, dtype=np.intp).reshape(-1, 2).T for x in (copied, turning))
+        return _transposed(self.layout.copied), _transposed(self.layout.turning)
+
+
+def _transposed(pairs: list[tuple[int, int]]) -> Int[np.ndarray, "2 n"]:
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2).T
 
 
 def _name(model: mujoco.MjModel, joint: int) -> str:

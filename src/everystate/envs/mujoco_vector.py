@@ -36,7 +36,7 @@ class MujocoVectorEnv(BodyVectorEnv):
         *,
         num_threads: int | None = None,
         render_mode: str | None = None,
-        disturbance: Disturbance = Disturbance(),
+        disturbance: Disturbance | None = None,
     ) -> None:
         """No seed: a different run each time, as Gymnasium has it.
 
@@ -46,6 +46,7 @@ class MujocoVectorEnv(BodyVectorEnv):
             num_threads = max(1, min(os.cpu_count() or 1, num_envs // 16))
         if num_threads < 1:
             raise EverystateError(f"num_threads is {num_threads}: at least one is needed")
+        disturbance = disturbance or Disturbance()
         self.body = body
         self.name, self.source = body.name, body.source
         self.state_names, self.state_units = body.state_names, body.state_units

@@ -43,4 +43,4 @@ class SingleEnv(gymnasium.Env):
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:
         """A picture of the body as it stands now."""
         frames = self.vector.render()
-        return frames[0] if frames else None
+        return np.asarray(frames[0]) if frames else None

@@ -12,7 +12,9 @@ from typing import Any, ClassVar, NamedTuple
 import gymnasium
 import mujoco
 import numpy as np
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, Shaped, UInt8
 
 from everystate.errors import EverystateError
@@ -87,6 +89,10 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         "autoreset_mode": AutoresetMode.DISABLED,
         "render_modes": ["rgb_array"],
     }
+    single_observation_space: Box
+    single_action_space: Box
+    observation_space: Box
+    action_space: Box
     name: str
     source: str
     """Where the model came from."""
@@ -118,13 +124,11 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.disturbance = disturbance
-        box, batched = gymnasium.spaces.Box, gymnasium.vector.utils.batch_space
-        self.single_observation_space = box(
-            np.asarray(low, dtype=np.float32), np.asarray(high, dtype=np.float32)
-        )
-        self.single_action_space = box(-1.0, 1.0, shape=(action_size,), dtype=np.float32)
-        self.observation_space = batched(self.single_observation_space, num_envs)
-        self.action_space = batched(self.single_action_space, num_envs)
+        low, high = np.asarray(low, dtype=np.float32), np.asarray(high, dtype=np.float32)
+        self.single_observation_space = Box(low, high)
+        self.single_action_space = Box(-1.0, 1.0, shape=(action_size,), dtype=np.float32)
+        self.observation_space = batched_box(self.single_observation_space, num_envs)
+        self.action_space = batched_box(self.single_action_space, num_envs)
         self._never = np.zeros(num_envs, dtype=bool)
         self._seed, self._draws = secrets.randbits(63) if seed is None else checked_seed(seed), 0
 
@@ -193,6 +197,7 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         if sigma := self.disturbance.action_noise:
             noise = self._rng().normal(0.0, sigma, actions.shape)
             actions = np.clip(actions + noise, -1.0, 1.0)
+        ended = self._never
         for _ in range(self.disturbance.action_repeat):
             ended = self._advance(actions)
             if ended.any():
@@ -275,6 +280,13 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         self._draws += 1
         philox = np.random.Philox(key=[self._seed, 0], counter=[0, 0, self._draws, 0])
         return np.random.Generator(philox)
+
+
+def batched_box(box: Box, num: int) -> Box:
+    """The space of so many."""
+    space = batch_space(box, num)
+    assert isinstance(space, Box)
+    return space
 
 
 def random_play(

@@ -145,6 +145,7 @@ def from_json(data: dict[str, Any]) -> Suite:
     """Reads what `to_json` returned."""
     if not data["tasks"]:
         raise ValueError("at least 1 task is needed")
+    starts = [task["start"] for task in data["tasks"]]
     return Suite(
         body=data["body"],
         notes=data.get("notes", ""),
@@ -153,7 +154,7 @@ def from_json(data: dict[str, Any]) -> Suite:
         sigma=np.array(data["sigma"], dtype=np.float64),
         angular=tuple(data.get("angular", ())),
         position=tuple(data["position"]),
-        starts=np.array([task["start"] for task in data["tasks"]], dtype=np.float64),
+        starts=None if None in starts else np.array(starts, dtype=np.float64),
         goals=np.array([task["goal"] for task in data["tasks"]], dtype=np.float64),
         horizons=np.array([task["horizon"] for task in data["tasks"]], dtype=np.int64),
     )
@@ -170,9 +171,10 @@ def to_json(suite: Suite) -> str:
         "angular": suite.angular,
         "position": suite.position,
     }
+    starts = [None] * len(suite.goals) if suite.starts is None else suite.starts.tolist()
     tasks = [
-        json.dumps({"start": start.tolist(), "goal": goal.tolist(), "horizon": int(horizon)})
-        for start, goal, horizon in zip(suite.starts, suite.goals, suite.horizons, strict=True)
+        json.dumps({"start": start, "goal": goal.tolist(), "horizon": int(horizon)})
+        for start, goal, horizon in zip(starts, suite.goals, suite.horizons, strict=True)
     ]
     lines = [f'"{name}": {json.dumps(value)}' for name, value in head.items()]
     return "{\n" + ",\n".join([*lines, '"tasks": [\n' + ",\n".join(tasks)]) + "\n]\n}\n"

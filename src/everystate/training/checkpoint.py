@@ -123,7 +123,9 @@ def _to_arrays(snapshot: Snapshot) -> dict[str, np.ndarray]:
         for name, x in named_arrays(snapshot.agent).items()
     }
     env = {f"env.{name}": x for name, x in snapshot.env.items()}
-    rest = {"observations": snapshot.observations, "visited": snapshot.visited}
+    rest = {"observations": snapshot.observations}
+    if snapshot.visited.size:  # Orbax takes no empty arrays
+        rest["visited"] = snapshot.visited
     return {name: np.asarray(x) for name, x in (agent | env | rest).items()}
 
 
@@ -135,9 +137,8 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], expected: AgentState) -> Snap
     for name, x in named_arrays(expected).items():
         if _is_key(x):
             agent[name] = jax.random.wrap_key_data(agent[name])
-    return Snapshot(
-        with_arrays(expected, agent), under("env."), arrays["observations"], arrays["visited"]
-    )
+    visited = arrays.get("visited", np.zeros(0, dtype=bool))
+    return Snapshot(with_arrays(expected, agent), under("env."), arrays["observations"], visited)
 
 
 def _saved(folder: Path) -> list[Path]:

@@ -1,0 +1,123 @@
+"""Any MJCF file as a body: what is observed, and that a state can be put back."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from everystate.envs import JointBody, MujocoVectorEnv, make
+from everystate.errors import EverystateError
+
+ARM = """<mujoco><option timestep="0.005"/><worldbody>
+  <body name="base"><freejoint name="base"/><geom size="0.1"/>
+    <body pos="0.2 0 0"><joint name="elbow" range="-90 90" limited="true"/><geom size="0.05"/>
+      <body pos="0.2 0 0"><joint name="wheel"/><geom size="0.05"/>
+        <body pos="0 0.2 0"><joint name="rod" type="slide" range="0 1" limited="true"/>
+          <geom size="0.05"/>
+          <body pos="0 0.2 0"><joint name="ball" type="ball"/><geom size="0.05"/></body>
+        </body></body></body></body>
+</worldbody>
+<actuator><motor joint="elbow"/>
+  <position joint="rod" ctrllimited="true" ctrlrange="0 0.5"/></actuator></mujoco>"""
+
+FREE = [f"base_{column}{axis}" for column in "xy" for axis in "xyz"]
+BALL = [f"ball_{column}{axis}" for column in "xy" for axis in "xyz"]
+POSE = ["base_z", *FREE, "elbow", "cos_wheel", "sin_wheel", "rod", *BALL]
+SPEEDS = [f"base_{kind}{axis}" for kind in "vw" for axis in "xyz"]
+SPEEDS += ["elbow_velocity", "wheel_velocity", "rod_velocity", "ball_wx", "ball_wy", "ball_wz"]
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> str:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    return str(path)
+
+
+def test_components_follow_the_joints(arm: str) -> None:
+    body = JointBody(Path(arm))
+    assert list(body.state_names) == POSE + SPEEDS
+    assert list(JointBody(Path(arm), travel=True).state_names) == [
+        "base_x",
+        "base_y",
+        *POSE,
+        *SPEEDS,
+    ]
+    units = dict(zip(body.state_names, body.state_units, strict=True))
+    assert (units["base_z"], units["elbow"], units["cos_wheel"], units["rod"]) == (
+        *("m", "rad"),
+        *("1", "m"),
+    )
+    centre = dict(zip(body.state_names, body.centre, strict=True))
+    assert (centre["elbow"], centre["rod"]) == (0.0, 0.5)
+    assert np.isnan(centre["base_z"])
+    assert body.frame_skip == 8  # 40 ms
+    assert body.name == arm
+
+
+@pytest.mark.parametrize("travel", [False, True])
+def test_a_state_can_be_put_back(arm: str, travel: bool) -> None:
+    body = JointBody(Path(arm), travel=travel)
+    rng = np.random.default_rng(0)
+    qpos = rng.normal(size=(50, body.model.nq))
+    qvel = rng.normal(size=(50, body.model.nv))
+    for at in (slice(3, 7), slice(10, 14)):
+        qpos[:, at] /= np.linalg.norm(qpos[:, at], axis=1, keepdims=True)
+    qpos[:, 8] = rng.uniform(-np.pi, np.pi, 50)
+    state = body.observe(qpos, qvel)
+    again, speeds = body.place(state)
+    np.testing.assert_allclose(body.observe(again, speeds), state, atol=1e-12)
+    np.testing.assert_array_equal(speeds, qvel)
+    np.testing.assert_allclose(again[:, 7:10], qpos[:, 7:10], atol=1e-12)
+    if travel:
+        np.testing.assert_array_equal(again[:, :3], qpos[:, :3])
+    else:
+        np.testing.assert_array_equal(again[:, :2], np.zeros((50, 2)))
+
+
+def test_what_is_no_orientation_becomes_one(arm: str) -> None:
+    """A flow's samples are only near the manifold; even zeros must give a place to draw."""
+    body = JointBody(Path(arm))
+    state = np.random.default_rng(1).normal(size=(20, len(body.state_names)))
+    state[0] = 0.0
+    state[1, 4:7] = 2 * state[1, 1:4]  # two columns that are one direction
+    qpos, _ = body.place(state)
+    assert np.isfinite(qpos).all()
+    for at in (slice(3, 7), slice(10, 14)):
+        np.testing.assert_allclose(np.linalg.norm(qpos[:, at], axis=1), 1.0, atol=1e-9)
+    # The first column's direction is kept.
+    columns = body.observe(qpos, np.zeros((20, body.model.nv)))[2:, 1:4]
+    wanted = state[2:, 1:4] / np.linalg.norm(state[2:, 1:4], axis=1, keepdims=True)
+    np.testing.assert_allclose(columns, wanted, atol=1e-9)
+
+
+def test_actions_span_what_the_motors_take(arm: str) -> None:
+    env = make(arm, 2, 0)
+    assert isinstance(env, MujocoVectorEnv)
+    env.step(np.array([[-1.0, -1.0], [1.0, 1.0]]))
+    np.testing.assert_allclose(env.get_state()["ctrl"], [[-1.0, 0.0], [1.0, 0.5]])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<mujoco>", "does not compile"),
+        ("<mujoco><worldbody><geom size='-1'/></worldbody></mujoco>", "does not compile"),
+        ("<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>", "motor"),
+    ],
+)
+def test_models_that_cannot_be_used_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "bad.xml").write_text(text)
+    with pytest.raises(EverystateError, match=f"bad.xml.*{said}"):
+        make(str(tmp_path / "bad.xml"), 1, 0)
+    with pytest.raises(EverystateError, match="no MJCF file"):
+        make(str(tmp_path / "none.xml"), 1, 0)
+
+
+def test_options_are_checked(arm: str) -> None:
+    with pytest.raises(EverystateError, match="frame_skip is -1"):
+        make(arm, 1, 0, frame_skip=-1)
+    with pytest.raises(EverystateError, match="option travel is 1: expected bool"):
+        make(arm, 1, 0, travel=1)
+    with pytest.raises(EverystateError, match="no option 'travle': did you mean 'travel'"):
+        make(arm, 1, 0, travle=True)
