@@ -17,6 +17,9 @@ STATE = spaces.Box(-np.inf, np.inf, (2,), dtype=np.float64)
 PUSH = spaces.Box(-1.0, 1.0, (1,), dtype=np.float64)
 
 
+UNEVEN = spaces.Box(np.array([-1, 0], dtype=np.float32), np.array([1, 10], dtype=np.float32))
+
+
 class Counter(gymnasium.Env):
     """Counts its steps and adds up its actions; ends where it is told to."""
 
@@ -36,7 +39,7 @@ class Counter(gymnasium.Env):
 
     def seen(self) -> Any:
         if isinstance(self.observation_space, spaces.Dict):
-            return {key: space.low for key, space in self.observation_space.items()}
+            return {key: np.zeros(space.shape) for key, space in self.observation_space.items()}
         state = [float(self.count), np.nan if self.count == self.nan_at else self.total]
         return np.array(state + [0.0] * (self.count == self.grows_at))
 
@@ -126,7 +129,11 @@ def test_muscles_go_on_after_their_end() -> None:
     ("acts", "actions", "sums"),
     [
         (spaces.Box(-2.0, 6.0, (1,)), [[-1.0], [0.5]], [-2.0, 4.0]),
-        (spaces.Box(np.array([-1, 0.0]), np.array([1, 10.0])), [[1, -1], [0, 1]], [1.0, 10.0]),
+        (
+            spaces.Box(np.array([-1, 0], dtype=np.float32), np.array([1, 10], dtype=np.float32)),
+            [[1, -1], [0, 1]],
+            [1.0, 10.0],
+        ),
         (spaces.Box(-1.0, 1.0, (2, 2)), [[1, 1, 1, 1], [1, 1, -1, 0]], [4.0, 1.0]),
     ],
 )
@@ -135,7 +142,9 @@ def test_actions_are_scaled_to_the_bounds(
 ) -> None:
     env = counters(acts=acts)
     before = env.reset(seed=0)[0][:, 1]
-    np.testing.assert_allclose(env.step(np.array(actions))[0][:, 1] - before, sums, atol=1e-4)
+    np.testing.assert_allclose(
+        env.step(np.array(actions, dtype=np.float32))[0][:, 1] - before, sums, atol=1e-4
+    )
 
 
 GOALS = {"observation": STATE, "achieved_goal": PUSH, "desired_goal": PUSH}

@@ -2,7 +2,7 @@
 
 import functools
 import json
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -14,8 +14,6 @@ from everystate.envs.adapt import EXTRA, ActionScaling, Flattening, make_single
 from everystate.envs.rendering import headless
 from everystate.envs.vector import BodyVectorEnv, Disturbance
 from everystate.errors import EverystateError
-
-Ends = Literal["auto", "ignore", "restart"]
 
 
 class GymnasiumVectorEnv(BodyVectorEnv):
@@ -40,10 +38,10 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         *,
         render_mode: str | None = None,
         disturbance: Disturbance | None = None,
-        ends: Ends = "auto",
+        ends: str = "auto",
         **kwargs: Any,
     ) -> None:
-        """`kwargs` are those of the environment itself."""
+        """`kwargs` are those of the environment itself; `ends` is auto, ignore or restart."""
         if ends not in ("auto", "ignore", "restart"):
             raise EverystateError(f"ends is {ends!r}: choose auto, ignore or restart")
         disturbance = disturbance or Disturbance()

@@ -220,10 +220,15 @@ def _name(model: mujoco.MjModel, joint: int) -> str:
 
 def _two_columns(quaternions: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 6"]:
     """The first two columns of the rotation matrices of unit quaternions (w, x, y, z)."""
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    first = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
-    second = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
-    return np.clip(np.stack(first + second, axis=1), -1.0, 1.0)
+    w, x, y, z = quaternions.T
+    columns = np.empty((len(quaternions), 6))
+    columns[:, 0] = 1 - 2 * (y * y + z * z)
+    columns[:, 1] = 2 * (x * y + w * z)
+    columns[:, 2] = 2 * (x * z - w * y)
+    columns[:, 3] = 2 * (x * y - w * z)
+    columns[:, 4] = 1 - 2 * (x * x + z * z)
+    columns[:, 5] = 2 * (y * z + w * x)
+    return columns
 
 
 def _quaternions(columns: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 4"]:

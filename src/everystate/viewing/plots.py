@@ -69,7 +69,9 @@ def save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def columns(epochs: Sequence[Mapping[str, float]]) -> dict[str, Float[np.ndarray, " epochs"]]:
+def columns(
+    epochs: Sequence[Mapping[str, int | float]],
+) -> dict[str, Float[np.ndarray, " epochs"]]:
     """Lines of metrics.jsonl as columns."""
     names = dict.fromkeys(name for line in epochs for name in line)
     missing = float("nan")
