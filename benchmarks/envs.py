@@ -15,7 +15,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -35,7 +35,7 @@ Step = Callable[[np.ndarray], Any]
 class Plain(MujocoEnv):
     """The body as Gymnasium would have it: its own MuJoCo class, positions and velocities seen."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array", "depth_array"]}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "depth_array"]}  # noqa: RUF012
 
     def __init__(self, body: str, **kwargs: Any) -> None:
         model, frame_skip = _model(body)
@@ -54,10 +54,10 @@ class Plain(MujocoEnv):
         self.set_state(self.init_qpos, self.init_qvel)
         return self._seen()
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
+    def step(self, action: Any) -> tuple[np.ndarray, np.float64, bool, bool, dict]:
         """One control step."""
         self.do_simulation(action, self.frame_skip)
-        return self._seen(), 0.0, False, False, {}
+        return self._seen(), np.float64(0.0), False, False, {}
 
 
 # One register for all modes of `make_vec`.

@@ -39,7 +39,8 @@ class Counter(gymnasium.Env):
 
     def seen(self) -> Any:
         if isinstance(self.observation_space, spaces.Dict):
-            return {key: np.zeros(space.shape) for key, space in self.observation_space.items()}
+            parts = self.observation_space.items()
+            return {key: np.zeros(space.shape or ()) for key, space in parts}
         state = [float(self.count), np.nan if self.count == self.nan_at else self.total]
         return np.array(state + [0.0] * (self.count == self.grows_at))
 
@@ -73,7 +74,9 @@ def _module() -> Iterator[None]:
     module = types.ModuleType("my_bodies")
     sys.modules["my_bodies"] = module
     for kind in (Counter, Opaque):
-        gymnasium.register(f"My{kind.__name__}-v0", kind, max_episode_steps=5)
+        # A class is what Gymnasium's own documentation registers.
+        entry: Any = kind
+        gymnasium.register(f"My{kind.__name__}-v0", entry, max_episode_steps=5)
     yield
     del sys.modules["my_bodies"]
     for kind in (Counter, Opaque):
@@ -147,7 +150,7 @@ def test_actions_are_scaled_to_the_bounds(
     )
 
 
-GOALS = {"observation": STATE, "achieved_goal": PUSH, "desired_goal": PUSH}
+GOALS: dict[str, spaces.Space] = {"observation": STATE, "achieved_goal": PUSH, "desired_goal": PUSH}
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,8 @@ class Corridor(gymnasium.Env):
 
 def test_nothing_is_learned_across_an_end(tmp_path: Path) -> None:
     """No transition leads from beyond 1 back to 0: every step is at most 0.4 long."""
-    gymnasium.register("Corridor-v0", Corridor)
+    entry: Any = Corridor
+    gymnasium.register("Corridor-v0", entry)
     run = everystate.train("gymnasium:Corridor-v0", run_dir=tmp_path / "run", **SHORT)
     del gymnasium.registry["Corridor-v0"]
     from everystate.config import preset
