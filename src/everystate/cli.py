@@ -5,6 +5,7 @@
   report RUN     draw a page of pictures of a run
   demo           all three on the Ramp Pointmass, in minutes
   bodies [BODY]  list the bodies and their states, or describe any other
+  skills [BODY]  list the named skills, for `evaluate --skills` and `agent.perform`
 
 `everystate COMMAND --help` lists the options. Exit codes: 0 done, 2 a mistake to mend (nothing is
 written or lost), 130 interrupted by Ctrl-C (saved; the same command goes on).
@@ -56,6 +57,8 @@ class Evaluate:
     """Only so many goals, evenly taken from the suite."""
     plan: bool = True
     """Measure planning at act time too."""
+    skills: bool = False
+    """Measure the named skills of the body too."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,12 +95,18 @@ def evaluate(argv: list[str]) -> None:
     from everystate import evaluation
 
     result = evaluation.evaluate(
-        options.run, plan=options.plan, goals_file=options.goals, episodes=options.episodes
+        options.run,
+        plan=options.plan,
+        goals_file=options.goals,
+        episodes=options.episodes,
+        skills=options.skills,
     )
     if options.json:
         print(json.dumps(result))
-    else:
-        _print(evaluation.table(result))
+        return
+    _print(evaluation.table(result))
+    if options.skills:
+        _print(evaluation.skills_table(result))
 
 
 def report(argv: list[str]) -> None:
@@ -132,7 +141,17 @@ def bodies(argv: list[str]) -> None:
         print("with Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it.")
 
 
-COMMANDS = {f.__name__: f for f in (train, evaluate, report, demo, bodies)}
+def skills(argv: list[str]) -> None:
+    """List the named skills of all bodies that have some, or of the ones named."""
+    from everystate.skills import SKILLS, skills_of
+
+    for body in argv or SKILLS:
+        print(f"{body}:")
+        for name, skill in skills_of(body).items():
+            print(f"  {name}: {skill.text}")
+
+
+COMMANDS = {f.__name__: f for f in (train, evaluate, report, demo, bodies, skills)}
 
 
 def main(argv: list[str] | None = None) -> int:

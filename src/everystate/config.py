@@ -63,6 +63,11 @@ class Config:
     curriculum_share: float = 0.05
     """Largest share one example may have of a normalised minibatch [D5]."""
 
+    p_rewind: float = 0.0
+    """Share of pairs (s, g) whose s is where the body that reached g was shortly before [D17]."""
+    rewind_steps: int = 50
+    """How long before: 1 to this many steps, evenly."""
+
     # --- Replay (Appendix A) ---
     capacity: int = 100_000
     """Items per replay ring."""
@@ -194,6 +199,8 @@ _RANGES: dict[str, tuple[float, float]] = {
     "hindsight_steps": (1, 10_000),
     "p_curric": (0, 1),
     "curriculum_share": (1e-6, 1),
+    "p_rewind": (0, 1),
+    "rewind_steps": (1, 10_000),
     "capacity": (2, 100_000_000),
     "batch_size": (2, 1_000_000),
     "half_life": (1e-3, 1e9),

@@ -4,10 +4,12 @@ from everystate.agent.agent import Agent, load
 from everystate.agent.arrays import named_arrays, skeleton, with_arrays
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import BodyInfo, config_from_json, config_to_json
+from everystate.agent.performance import Performance
 
 __all__ = [
     "Agent",
     "BodyInfo",
+    "Performance",
     "config_from_json",
     "config_to_json",
     "keep_compiled_programs",

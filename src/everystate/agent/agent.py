@@ -13,9 +13,11 @@ import numpy as np
 from jaxtyping import Array, Float, Float32, Key, PRNGKeyArray
 from numpy.typing import ArrayLike
 
+from everystate import skills
 from everystate.agent import files
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import BodyInfo
+from everystate.agent.performance import Performance
 from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
@@ -58,6 +60,13 @@ class Agent:
         else:
             actions = _act(self.models, states, goals)
         return _returned(actions, single)
+
+    def perform(self, skill: str, *, plan: bool = False, seed: int = 0) -> Performance:
+        """Performs a named skill: call what is returned with each observation in turn.
+
+        `everystate skills BODY` lists them. Raises an `EverystateError` for one that is not there.
+        """
+        return Performance(self, skills.skill(self.config.body, skill), plan, seed)
 
     def propose_goals(self, n: int, seed: int = 0) -> Float32[np.ndarray, "n state"]:
         """Goals worth exploring: each the least likely of m states the agent imagines (4.1)."""

@@ -1,6 +1,18 @@
 """How well an agent reaches the states of a fixed suite, how safely, and how well it knows."""
 
-from everystate.evaluation.evaluate import Agent, coverage, evaluate, rollout, table
+from everystate.evaluation.agents import Agent
+from everystate.evaluation.evaluate import coverage, evaluate, rollout, skills_table, table
+from everystate.evaluation.performances import perform, success_rates
 from everystate.evaluation.provenance import provenance
 
-__all__ = ["Agent", "coverage", "evaluate", "provenance", "rollout", "table"]
+__all__ = [
+    "Agent",
+    "coverage",
+    "evaluate",
+    "perform",
+    "provenance",
+    "rollout",
+    "skills_table",
+    "success_rates",
+    "table",
+]

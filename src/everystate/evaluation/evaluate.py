@@ -4,31 +4,18 @@ import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from rich.table import Table
 
 from everystate.agent import config_to_json, load
-from everystate.config import Config
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.evaluation import metrics, suites
+from everystate.evaluation.agents import Agent
+from everystate.evaluation.performances import STARTS, success_rates
 from everystate.evaluation.provenance import provenance
-
-
-@runtime_checkable
-class Agent(Protocol):
-    """What an evaluation needs of an agent."""
-
-    @property
-    def config(self) -> Config: ...
-
-    def act(
-        self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0
-    ) -> np.ndarray: ...
-
-    def steps_to_goal(self, observation: Any, goal: Any) -> Any: ...
 
 
 def evaluate(
@@ -37,6 +24,7 @@ def evaluate(
     plan: bool = True,
     goals_file: Path | str | None = None,
     episodes: int | None = None,
+    skills: bool = False,
     seed: int = 0,
 ) -> dict[str, Any]:
     """Goal reaching on the fixed suite of the agent's body, under the body's own noise.
@@ -46,10 +34,12 @@ def evaluate(
         plan: measure planning at act time too; otherwise `success_plan` is None.
         goals_file: a goal suite of one's own instead of the body's.
         episodes: only so many goals, evenly taken from the suite.
+        skills: also the named skills of the body; otherwise `skills` and `skills_plan` are None.
         seed: of the body's noise and of planning; the same seed gives the same result.
 
     Returns:
         What JSON can hold: `success`, `success_plan` and `position_only` as [region][eps][reading];
+        `skills` and `skills_plan` as shares of 20 starts by name;
         `falls_per_1000_steps`; `calibration` of -V against measured steps; `coverage` of the run,
         if it is one; then config, seed, command, commit, machine and versions. None stands where
         there is no number. Only what is under `time` depends on the clock.
@@ -69,6 +59,8 @@ def evaluate(
         "success": with_policy["success"],
         "success_plan": planning and planning["success"],
         "position_only": with_policy["position_only"],
+        "skills": success_rates(agent, plan=False, seed=seed) if skills else None,
+        "skills_plan": success_rates(agent, plan=True, seed=seed) if skills and plan else None,
         "falls_per_1000_steps": with_policy["falls_per_1000_steps"],
         "falls_by_region": with_policy["falls_by_region"],
         "calibration": with_policy["calibration"],
@@ -149,6 +141,19 @@ def table(result: Mapping[str, Any]) -> Table:
     shown.caption = f"{result['falls_per_1000_steps']:.1f} falls per 1,000 steps" + (
         "" if steps_off is None else f"; -V is off by {steps_off:.1f} steps on average"
     )
+    return shown
+
+
+def skills_table(result: Mapping[str, Any]) -> Table:
+    """The shares of starts from which the named skills succeeded."""
+    shown = Table(title=f"Named skills, {result['body']}, {STARTS} starts")
+    shown.add_column("skill")
+    for heading in ("policy", "planning"):
+        shown.add_column(heading, justify="right")
+    planned = result["skills_plan"] or {}
+    for name, rate in result["skills"].items():
+        cells = [rate, *([planned[name]] if planned else [])]
+        shown.add_row(name, *(f"{100 * cell:.0f} %" for cell in cells))
     return shown
 
 

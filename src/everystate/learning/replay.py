@@ -133,11 +133,18 @@ def sample(
     states = draw(replay.state_log_weights, config.batch_size, key=named(key, "states"))
     goals = draw(goal_log_weights, config.batch_size, key=named(key, "goals"))
     slots = draw(transition_log_weights, config.batch_size, key=named(key, "transitions"))
+    began, reached = replay.transitions.observations, replay.transitions.next_observations
+
+    # Some s are where the body that reached g was a while before.
+    key_share, key_steps = jax.random.split(named(key, "rewind"))
+    back = jax.random.randint(key_steps, goals.shape, 0, config.rewind_steps, jnp.int32)
+    oldest = jnp.where(replay.size == replay.capacity, replay.position, 0)
+    back = jnp.minimum(back, (goals - oldest) % replay.capacity // config.num_bodies)
+    before = began[(goals - back * config.num_bodies) % replay.capacity]
+    rewound = jax.random.bernoulli(key_share, config.p_rewind, goals.shape)
     # num_bodies slots on is the same body one step later (2.3), unless it came to an end between.
     steps = jnp.arange(config.hindsight_steps, dtype=jnp.int32)
     chain = (slots[:, None] + steps[None, :] * config.num_bodies) % replay.capacity
-    reached = replay.transitions.next_observations
-    began = replay.transitions.observations
     joined = (began[chain[:, 1:]] == reached[chain[:, :-1]]).all(axis=-1)
     unbroken = joined.cumprod(axis=1, dtype=jnp.int32).sum(axis=1)
     newer = (replay.position - 1 - slots) % replay.capacity // config.num_bodies
@@ -147,7 +154,7 @@ def sample(
     ahead = jnp.minimum(ahead, jnp.minimum(newer, unbroken))
     later = (slots + ahead * config.num_bodies) % replay.capacity
     return Minibatch(
-        states=reached[states],
+        states=jnp.where(rewound[:, None], before, reached[states]),
         goals=reached[goals],
         transitions=jax.tree.map(lambda ring: ring[slots], replay.transitions),
         hindsight_goals=reached[later],

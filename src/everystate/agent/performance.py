@@ -1,0 +1,48 @@
+"""An agent that performs a named skill: one goal after the other, an action at a time."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float32
+from numpy.typing import ArrayLike
+
+from everystate.skills import Skill
+
+
+class Actor(Protocol):
+    """What can be sent to a goal."""
+
+    def act(
+        self, observation: ArrayLike, goal: ArrayLike, *, plan: bool = False, seed: int = 0
+    ) -> Float32[np.ndarray, "*n action"]: ...
+
+
+@dataclass
+class Performance:
+    """Called with each observation in turn, it returns the next action; both may be batches."""
+
+    agent: Actor
+    skill: Skill
+    plan: bool
+    seed: int
+    step: int = 0
+    """Control steps done so far."""
+
+    @property
+    def goal(self) -> Float32[np.ndarray, " state"]:
+        """Where it is going now."""
+        return np.array(self.skill.goal(self.step), dtype=np.float32)
+
+    @property
+    def over(self) -> bool:
+        """Whether the skill has had its time; one may go on all the same."""
+        return self.step >= self.skill.steps
+
+    def __call__(self, observation: ArrayLike) -> Float32[np.ndarray, "*n action"]:
+        """The next action."""
+        # Seeds of different steps must differ, or planning would repeat its noise at every step.
+        seed = (self.seed * 100_003 + self.step) % 2**31
+        action = self.agent.act(observation, self.goal, plan=self.plan, seed=seed)
+        self.step += 1
+        return action

@@ -1,0 +1,37 @@
+"""How often an agent performs the named skills of its body."""
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from everystate.agent import Performance
+from everystate.envs import make, parse_options
+from everystate.evaluation.agents import Agent
+from everystate.skills import Skill, skills_of
+
+STARTS = 20
+
+
+def success_rates(agent: Agent, *, plan: bool, seed: int = 0) -> dict[str, float]:
+    """The share of 20 starts from which each skill succeeded."""
+    return {
+        name: float(perform(agent, one, plan=plan, seed=seed)[1].mean())
+        for name, one in skills_of(agent.config.body).items()
+    }
+
+
+def perform(
+    agent: Agent, one: Skill, *, plan: bool, seed: int = 0, starts: int = STARTS
+) -> tuple[Float32[np.ndarray, "steps starts state"], Bool[np.ndarray, " starts"]]:
+    """States recorded while a skill was performed, from all starts at once, and which succeeded."""
+    config = agent.config
+    env = make(config.body, starts, seed, **parse_options(config.body_options))
+    observations = one.starts(np.random.default_rng(seed), starts).astype(np.float32)
+    env.set_observations(observations)
+    performance, states = Performance(agent, one, plan, seed), [observations]
+    while not performance.over:
+        states.append(env.step(performance(states[-1]))[0])
+    recorded = np.stack(states)
+    done = one.done(recorded)
+    if not one.may_fall:
+        done &= ~env.falls(recorded[:-1], recorded[1:]).any(axis=0)
+    return recorded, done
