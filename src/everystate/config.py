@@ -83,6 +83,8 @@ class Config:
     # --- Value (4.3) ---
     bound_value: bool = True
     """V_targ is held below 0, and targets are clipped to [-(copies + 1), 0] [D4]."""
+    values: int = 1
+    """Members of V, of which the least counts; the paper has one [D18]."""
     absorb_goal: bool = False
     """Reaching ends the count: r + (1 - exp(-k |dz|^2)) V_targ instead of r + V_targ [D10]."""
     goal_value_weight: float = 1.0
@@ -206,6 +208,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "half_life": (1e-3, 1e9),
     "weight_temper": (0, 1),
     "weight_clip": (0, math.inf),
+    "values": (1, 100),
     "goal_value_weight": (0, 1e3),
     "num_bodies": (1, 100_000),
     "steps_per_epoch": (1, 100_000),

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
-from scipy import stats
 
 EPS = (0.25, 0.5, 1.0)
 """The tolerances reported, in units of sigma."""
@@ -89,13 +88,15 @@ def calibration(
 
     Both are None where too few goals were reached for them to mean anything.
     """
+    from scipy.stats import rankdata  # which takes half a second to import
+
     reached = np.isfinite(measured)
     predicted, measured = np.asarray(predicted, np.float64)[reached], measured[reached]
     result: dict[str, Any] = {"mae": None, "spearman": None, "reached": int(reached.sum())}
     if len(measured):
         result["mae"] = float(np.abs(predicted - measured).mean())
     if len(measured) > 2 and np.ptp(predicted) > 0 and np.ptp(measured) > 0:
-        ranks = stats.rankdata(predicted), stats.rankdata(measured)
+        ranks = rankdata(predicted), rankdata(measured)
         result["spearman"] = float(np.corrcoef(*ranks)[0, 1])
     return result
 

@@ -51,14 +51,27 @@ class Network(eqx.Module):
 
 
 class Value(eqx.Module):
-    """V(s, g): about minus the number of steps from s to g (4.2, 4.3)."""
+    """V(s, g): about minus the number of steps from s to g (4.2, 4.3).
 
-    network: Network
+    With several members it is the least of them: where they have not been told, they differ, and
+    the best of many candidates would else be the one that V is most wrong about [D18].
+    """
 
-    def __init__(self, state_size: int, *, key: PRNGKeyArray, **network: int) -> None:
+    networks: Network  # Stacked, one slice per member.
+
+    def __init__(self, state_size: int, *, members: int, key: PRNGKeyArray, **network: int) -> None:
         """An untrained value of states and goals with `state_size` components."""
-        self.network = Network(2 * state_size, 1, key=key, **network)
+        keys = jax.random.split(key, members)
+        make = lambda key: Network(2 * state_size, 1, key=key, **network)  # noqa: E731
+        self.networks = eqx.filter_vmap(make)(keys)
+
+    def members(
+        self, state: Float[Array, " s"], goal: Float[Array, " s"]
+    ) -> Float[Array, " members"]:
+        """What each member says."""
+        inputs = jnp.concatenate([state, goal])
+        return eqx.filter_vmap(lambda network: network(inputs)[0])(self.networks)
 
     def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         """V of one state and one goal, both scaled, in steps."""
-        return self.network(jnp.concatenate([state, goal]))[0]
+        return self.members(state, goal).min()

@@ -81,7 +81,9 @@ def plan(
     for round_key in keys[3:]:
         best = sequences[jnp.argsort(-values)[: planning.elites]]
         spread = jnp.maximum(best.std(axis=0), 0.05)
-        noise = jax.random.normal(round_key, (planning.candidates - planning.elites, *best.shape[1:]))
+        noise = jax.random.normal(
+            round_key, (planning.candidates - planning.elites, *best.shape[1:])
+        )
         fresh = jnp.clip(best.mean(axis=0) + spread * noise, -1, 1)
         sequences = jnp.concatenate([best, fresh])
         values = jax.vmap(value_of)(sequences)

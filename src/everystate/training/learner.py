@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Float
 
 from everystate import algorithm
 from everystate.agent import named_arrays
@@ -56,13 +57,8 @@ def first_not_finite(metrics: Mapping[str, float], models: Any) -> str | None:
     for name, value in metrics.items():
         if not abs(value) < float("inf"):
             return f"metric {name} is {value}"
-    arrays = named_arrays(models)
-    for name, finite in zip(arrays, jax.device_get(_finite(list(arrays.values()))), strict=True):
-        if not finite:
+    # On the host: a program for it would take longer to load than it ever runs.
+    for name, array in jax.device_get(named_arrays(models)).items():
+        if not np.isfinite(array).all():
             return f"the model's {name} has a value that is not finite"
     return None
-
-
-@eqx.filter_jit
-def _finite(arrays: list[Array]) -> list[Bool[Array, ""]]:
-    return [jnp.isfinite(x).all() for x in arrays]
