@@ -18,7 +18,7 @@ from everystate.learning import episodes as ep
 from everystate.learning import replay as rb
 from everystate.learning.curriculum import replaced
 from everystate.learning.flows import decode
-from everystate.learning.goals import least_likely_goal
+from everystate.learning.goals import imagined, least_likely
 from everystate.learning.keys import named
 from everystate.learning.losses import gradients
 from everystate.learning.models import Models, Scale, new_models, new_optimisers, step
@@ -74,10 +74,18 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
     return observe(config, empty, warmup)
 
 
-def choose_goals(config: Config, models: Models, *, key: PRNGKeyArray) -> Float[Array, "bodies s"]:
-    """For every body, the least likely under f of m goals decoded from it (4.1)."""
-    keys = jax.random.split(key, config.num_bodies)
-    return jax.vmap(lambda key: least_likely_goal(models.state_flow, config.m, key=key))(keys)
+def choose_goals(
+    config: Config, models: Models, replay: rb.Replay, *, key: PRNGKeyArray
+) -> Float[Array, "bodies s"]:
+    """For every body, the least likely under f of m goals decoded from it (4.1), or visited."""
+    flow = models.state_flow
+
+    def one(key: PRNGKeyArray) -> Float[Array, " s"]:
+        if config.goals == "visited":
+            return least_likely(flow, rb.visited(replay, config.m, key=key))
+        return least_likely(flow, imagined(flow, config.m, key=key))
+
+    return jax.vmap(one)(jax.random.split(key, config.num_bodies))
 
 
 def act(
@@ -89,7 +97,7 @@ def act(
 
     values = jax.vmap(models.value)(states, state.episodes.goals)
     episodes, over = ep.advance(config, state.episodes, states, values)
-    goals = choose_goals(config, models, key=named(key, "goals"))
+    goals = choose_goals(config, models, state.replay, key=named(key, "goals"))
     episodes = ep.restart(episodes, over, goals, jax.vmap(models.value)(states, goals))
 
     def sample(s: Array, g: Array, key: PRNGKeyArray) -> Float[Array, " a"]:

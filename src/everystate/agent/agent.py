@@ -22,7 +22,7 @@ from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
 from everystate.learning.flows import decode
-from everystate.learning.goals import least_likely_goal
+from everystate.learning.goals import imagined, least_likely
 from everystate.learning.policy import improve
 
 SHIPPED = Path(__file__).parents[1] / "agents"
@@ -175,7 +175,8 @@ def _plan(
 
 @eqx.filter_jit
 def _propose(m: int, models: Models, keys: Key[Array, " n"]) -> Float[Array, "n s"]:
-    return jax.vmap(lambda key: least_likely_goal(models.state_flow, m, key=key))(keys)
+    flow = models.state_flow
+    return jax.vmap(lambda key: least_likely(flow, imagined(flow, m, key=key)))(keys)
 
 
 @eqx.filter_jit

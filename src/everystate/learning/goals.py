@@ -8,10 +8,12 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.learning.flows import decode
 
 
-def least_likely_goal(
-    state_flow: AbstractTransformed, m: int, *, key: PRNGKeyArray
-) -> Float[Array, " s"]:
-    """argmin over m decoded samples g_i = f_dec(z_i) of p_f(g_i) (4.1, Algorithm 1)."""
+def imagined(state_flow: AbstractTransformed, m: int, *, key: PRNGKeyArray) -> Float[Array, "m s"]:
+    """m decoded samples g_i = f_dec(z_i) (4.1)."""
     latents = jax.random.normal(key, (m, *state_flow.shape))
-    goals = jax.vmap(lambda z: decode(state_flow, z))(latents)
+    return jax.vmap(lambda z: decode(state_flow, z))(latents)
+
+
+def least_likely(state_flow: AbstractTransformed, goals: Float[Array, "m s"]) -> Float[Array, " s"]:
+    """argmin over the goals of p_f(g_i) (4.1, Algorithm 1)."""
     return goals[jnp.argmin(state_flow.log_prob(goals))]

@@ -113,6 +113,12 @@ def draw(
     return (blocks * width + slots).astype(jnp.int32)
 
 
+def visited(replay: Replay, count: int, *, key: PRNGKeyArray) -> Float[Array, "count s"]:
+    """States drawn evenly from all that the ring holds."""
+    slots = jax.random.randint(key, (count,), 0, jnp.maximum(replay.size, 1), jnp.int32)
+    return replay.transitions.next_observations[slots]
+
+
 class Minibatch(NamedTuple):
     """mb_size draws from each of the three buffers, and where they lie."""
 
