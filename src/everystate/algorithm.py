@@ -77,15 +77,13 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
 def choose_goals(
     config: Config, models: Models, replay: rb.Replay, *, key: PRNGKeyArray
 ) -> Float[Array, "bodies s"]:
-    """For every body, the least likely under f of m goals decoded from it (4.1), or visited."""
-    flow = models.state_flow
-
-    def one(key: PRNGKeyArray) -> Float[Array, " s"]:
-        if config.goals == "visited":
-            return least_likely(flow, rb.visited(replay, config.m, key=key))
-        return least_likely(flow, imagined(flow, config.m, key=key))
-
-    return jax.vmap(one)(jax.random.split(key, config.num_bodies))
+    """For every body, the least likely under f of m goals: decoded from it (4.1), or visited."""
+    flow, count = models.state_flow, config.num_bodies * config.m
+    if config.goals == "visited":
+        goals = rb.visited_goals(config, replay, count, key=key)
+    else:
+        goals = imagined(flow, count, key=key)
+    return jax.vmap(lambda g: least_likely(flow, g))(goals.reshape(config.num_bodies, config.m, -1))
 
 
 def act(

@@ -29,7 +29,7 @@ class Config:
     m: int = 20
     """m: goals decoded from f per choice, of which the least likely is kept."""
     goals: Literal["imagined", "visited"] = "imagined"
-    """Where the m come from: decoded from f (paper), or drawn from the replay ring [D19]."""
+    """Where the m come from: decoded from f (paper), or drawn from the goal buffer [D19]."""
 
     # --- Reward (4.2) ---
     k: float = 100.0

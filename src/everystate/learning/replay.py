@@ -113,9 +113,12 @@ def draw(
     return (blocks * width + slots).astype(jnp.int32)
 
 
-def visited(replay: Replay, count: int, *, key: PRNGKeyArray) -> Float[Array, "count s"]:
-    """States drawn evenly from all that the ring holds."""
-    slots = jax.random.randint(key, (count,), 0, jnp.maximum(replay.size, 1), jnp.int32)
+def visited_goals(
+    config: Config, replay: Replay, count: int, *, key: PRNGKeyArray
+) -> Float[Array, "count s"]:
+    """States drawn from the goal buffer: evenly over the space visited, not over the time spent."""
+    weights = replay.goal_log_weights
+    slots = draw(temper(config, weights, median(weights)), count, key=key)
     return replay.transitions.next_observations[slots]
 
 
