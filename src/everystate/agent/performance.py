@@ -1,7 +1,7 @@
 """An agent that performs a named skill: one goal after the other, an action at a time."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from everystate.skills import Skill
 
 
+@runtime_checkable
 class Actor(Protocol):
     """What can be sent to a goal."""
 
