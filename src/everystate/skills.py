@@ -76,12 +76,12 @@ def held(at: Callable[[States], Bool[np.ndarray, "steps starts"]], steps: int) -
 
 def kept(at: Callable[[States], Bool[np.ndarray, "steps starts"]], steps: int) -> Rule:
     """At each of the last so many steps."""
-    return lambda states: at(states)[-steps:].all(axis=0)
+    return lambda states: np.asarray(at(states)[-steps:].all(axis=0))
 
 
 def once(at: Callable[[States], Bool[np.ndarray, "steps starts"]]) -> Rule:
     """At any one step."""
-    return lambda states: at(states).any(axis=0)
+    return lambda states: np.asarray(at(states).any(axis=0))
 
 
 # --- Cartpole: x, cosine and sine of the pole's angle (up is 0), and both velocities ---

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -23,10 +23,10 @@ from everystate.config import Config
 from everystate.errors import EverystateError, suggest
 from everystate.learning.flows import decode
 from everystate.learning.goals import imagined, least_likely
-from everystate.learning.policy import improve
+from everystate.learning.planning import Planning
+from everystate.learning.planning import plan as search
 
 SHIPPED = Path(__file__).parents[1] / "agents"
-_PLANNING = {"j": 8, "N": 8}  # Candidates and rollouts when one action is worth some thought.
 
 
 @final
@@ -45,18 +45,25 @@ class Agent:
     body: BodyInfo
 
     def act(
-        self, observation: ArrayLike, goal: ArrayLike, *, plan: bool = False, seed: int = 0
+        self,
+        observation: ArrayLike,
+        goal: ArrayLike,
+        *,
+        plan: bool | Planning = False,
+        seed: int = 0,
     ) -> Float32[np.ndarray, "*n action"]:
         """The action, in [-1, 1], that leads from each state towards its goal.
 
-        Without `plan` it is the policy's most central one (z = 0). With it, the best of 32
-        candidates by one step of lookahead through the learned dynamics and value (4.2, 4.3):
-        slower, often better, and deterministic for a `seed`. Either argument may be a batch.
+        Without `plan` it is the policy's most central one (z = 0). With it, the first of the best
+        few actions in a row that a short search through the learned dynamics and value finds
+        (4.2, 4.3): slower, often better, and deterministic for a `seed`; a `Planning` says how far
+        and how hard to search. Either argument may be a batch.
         """
         states, goals, single = self._pairs(observation, goal)
         if plan:
-            config = replace(self.config, **_PLANNING)
-            actions = _plan(config, self.models, states, goals, jax.random.key(seed))
+            planning = plan if isinstance(plan, Planning) else Planning()
+            key = jax.random.key(seed)
+            actions = _plan(self.config, planning, self.models, states, goals, key)
         else:
             actions = _act(self.models, states, goals)
         return _returned(actions, single)
@@ -160,14 +167,14 @@ def _act(
 @eqx.filter_jit
 def _plan(
     config: Config,
+    planning: Planning,
     models: Models,
     states: Float[Array, "n s"],
     goals: Float[Array, "n s"],
     key: PRNGKeyArray,
 ) -> Float[Array, "n a"]:
-    no_floor = jnp.float32(-jnp.inf)
     return jax.lax.map(
-        lambda x: improve(config, models, models.value, x[0], x[1], no_floor, key=x[2]).action,
+        lambda x: search(config, planning, models, x[0], x[1], key=x[2]),
         (states, goals, jax.random.split(key, len(states))),
         batch_size=64,
     )

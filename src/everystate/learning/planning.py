@@ -8,25 +8,40 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.errors import EverystateError
 from everystate.learning.flows import decode
 from everystate.learning.policy import score
 from everystate.learning.rewards import closeness, place
 from everystate.learning.value import backup
 
+_LEAST_SPREAD = 0.05  # of refined actions, so that equal elites do not end the search
+
 
 @dataclass(frozen=True)
 class Planning:
-    """How much thought an action is worth."""
+    """How much thought an action is worth; `horizon=1, rounds=1` is one step of lookahead."""
 
-    horizon: int = 5
+    horizon: int = 4
     """Steps looked ahead; V judges where they end."""
-    candidates: int = 64
+    candidates: int = 32
     """Sequences of actions per round."""
-    rounds: int = 3
+    rounds: int = 2
     """Of the cross-entropy method: each draws around the best sequences of the one before."""
     elites: int = 8
+    """How many those are."""
     rollouts: int = 4
     """Imagined outcomes per sequence, of which the worst counts, as in training."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("horizon", 1), ("candidates", 2), ("rounds", 1), ("rollouts", 1)):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and least <= value <= 10_000):
+                raise EverystateError(f"planning {name} is {value!r}: choose {least} to 10000")
+        if not 1 <= self.elites < self.candidates:
+            raise EverystateError(
+                f"planning elites is {self.elites}: choose 1 to {self.candidates - 1}, fewer than"
+                " candidates"
+            )
 
 
 def plan(
@@ -40,51 +55,53 @@ def plan(
 ) -> Float[Array, " a"]:
     """The first action of the best sequence found, for one scaled (s, g).
 
-    Half of the first round's sequences follow the policy, half are uniformly random; later rounds
-    refine them by the cross-entropy method. Returns are those of eq. 2 along the way, V at the end.
+    Half of the first round's sequences follow the policy through the learned dynamics, one of them
+    at z = 0; half are uniformly random. Later rounds refine them by the cross-entropy method
+    (Rubinstein 1999). A sequence is worth the worst of its imagined returns (eq. 3): eq. 2 along
+    the way, V at the end. All sequences share the same noises.
     """
-    keys = jax.random.split(key, planning.rounds + 2)
+    key_noise, key_policy, key_random, *keys = jax.random.split(key, 2 + planning.rounds)
     place_goal = place(config, models.state_flow, goal)
-    size = models.policy(jnp.concatenate([state, goal])).shape
-    half = planning.candidates // 2
-    noises = jax.random.normal(keys[0], (planning.rollouts, planning.horizon, state.size))
+    noises = jax.random.normal(key_noise, (planning.rollouts, planning.horizon, state.size))
 
-    def follow(latents: Float[Array, "h a"]) -> Float[Array, "h a"]:
-        def one(s: Array, z: Array) -> tuple[Array, Array]:
-            action = jnp.clip(decode(models.policy(jnp.concatenate([s, goal])), z), -1, 1)
+    def follow(latents: Float[Array, "horizon a"]) -> Float[Array, "horizon a"]:
+        """What the policy would do where the dynamics, without noise, say that it leads."""
+
+        def one(s: Array, latent: Array) -> tuple[Array, Array]:
+            policy = models.policy(jnp.concatenate([s, goal]))
+            action = jnp.clip(decode(policy, latent), -1, 1)
             return decode(models.dynamics(s, action), jnp.zeros_like(s)), action
 
         return jax.lax.scan(one, state, latents)[1]
 
-    def value_of(actions: Float[Array, "h a"]) -> Float[Array, ""]:
-        def outcome(noise: Float[Array, "h s"]) -> Float[Array, ""]:
-            def one(s: Array, x: tuple[Array, Array]) -> tuple[Array, Array]:
-                action, z = x
-                after = decode(models.dynamics(s, action), z)
+    def worth(actions: Float[Array, "horizon a"]) -> Float[Array, ""]:
+        def outcome(noise: Float[Array, "horizon s"]) -> Float[Array, ""]:
+            def one(s: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
+                action, latent = step
+                after = decode(models.dynamics(s, action), latent)
                 return after, closeness(config, place(config, models.state_flow, after), place_goal)
 
             last, near = jax.lax.scan(one, state, (actions, noise))
-            floor = jnp.float32(-jnp.inf)
             total = models.value(last, goal)
             for step in reversed(range(planning.horizon)):
-                total = backup(config, near[step], total, floor)
+                total = backup(config, near[step], total, jnp.float32(-jnp.inf))
             return total
 
         return score(config, jax.vmap(outcome)(noises))
 
-    latents = jax.random.normal(keys[1], (half, planning.horizon, *size))
-    latents = latents.at[0].set(0.0)  # the policy's most central way
-    following = jax.vmap(follow)(latents)
-    wild = jax.random.uniform(keys[2], following.shape, minval=-1, maxval=1)
-    sequences = jnp.concatenate([following, wild])
-    values = jax.vmap(value_of)(sequences)
-    for round_key in keys[3:]:
+    shape = models.policy(jnp.concatenate([state, goal])).shape
+    half = planning.candidates // 2
+    latents = jax.random.normal(key_policy, (half, planning.horizon, *shape)).at[0].set(0.0)
+    wild_shape = (planning.candidates - half, planning.horizon, *shape)
+    wild = jax.random.uniform(key_random, wild_shape, minval=-1, maxval=1)
+    sequences = jnp.concatenate([jax.vmap(follow)(latents), wild])
+    values = jax.vmap(worth)(sequences)
+    for key_round in keys:
         best = sequences[jnp.argsort(-values)[: planning.elites]]
-        spread = jnp.maximum(best.std(axis=0), 0.05)
-        noise = jax.random.normal(
-            round_key, (planning.candidates - planning.elites, *best.shape[1:])
-        )
-        fresh = jnp.clip(best.mean(axis=0) + spread * noise, -1, 1)
-        sequences = jnp.concatenate([best, fresh])
-        values = jax.vmap(value_of)(sequences)
+        fresh = planning.candidates - planning.elites
+        noise = jax.random.normal(key_round, (fresh, *best.shape[1:]))
+        spread = jnp.maximum(best.std(axis=0), _LEAST_SPREAD)
+        around = jnp.clip(best.mean(axis=0)[None] + spread[None] * noise, -1, 1)
+        sequences = jnp.concatenate([best, around])
+        values = jax.vmap(worth)(sequences)
     return sequences[jnp.argmax(values), 0]

@@ -185,7 +185,7 @@ def on_the_map(
             "policy",
             "What it does",
             f"Actions on the way to one goal on the {last} (star): the policy at z = 0, and the"
-            " best of a few actions by one step of lookahead.",
+            " first of the best few actions in a row that a short search finds.",
             lambda: maps.policy_arrows(agent, env, goals[last], batch=len(suite.goals)),
         ),
     ]
