@@ -214,3 +214,32 @@ def test_refresh_writes_only_what_was_drawn():
     np.testing.assert_array_equal(after.goal_log_weights, np.where(goals, slots, 0))
     np.testing.assert_array_equal(after.transition_log_weights, np.where(transitions, -slots, 0))
     np.testing.assert_array_equal(after.state_log_weights, replay.state_log_weights)
+
+
+def test_visited_goals_are_drawn_by_their_weight_as_goals():
+    """Of two kinds of state, one a hundred times rarer, both come about equally often."""
+    config = preset("test", weight_temper=1.0, weight_clip=20.0)
+    states = jnp.where(jnp.arange(400) < 4, 1.0, 0.0)[:, None]
+    transitions = rb.Transitions(states, jnp.zeros((400, 1)), states)
+    rarity = jnp.where(states[:, 0] == 1.0, jnp.log(99.0), 0.0)
+    replay = rb.add(rb.empty(500, 1, 1), transitions, rarity, rarity)
+    goals = rb.visited_goals(config, replay, 4000, key=jax.random.key(0))
+    assert goals.shape == (4000, 1)
+    assert float(goals.mean()) == pytest.approx(0.5, abs=0.05)
+
+
+def test_hindsight_does_not_cross_a_break():
+    """A body that came to an end and started elsewhere reached nothing after it from before it."""
+    config = preset("test", num_bodies=1, capacity=40, batch_size=32, hindsight_steps=10)
+    before = jnp.arange(20.0)[:, None]
+    after = before + 1
+    before = before.at[10:].add(100.0)  # from step 10 on elsewhere
+    after = after.at[10:].add(100.0)
+    replay = rb.empty(40, 1, 1)
+    replay = rb.add(
+        replay, rb.Transitions(before, jnp.zeros((20, 1)), after), jnp.zeros(20), jnp.zeros(20)
+    )
+    minibatch = rb.sample(config, replay, jnp.zeros(2), key=jax.random.key(1))
+    began, goal = minibatch.transitions.observations, minibatch.hindsight_goals
+    np.testing.assert_array_equal(np.asarray(began > 50), np.asarray(goal > 50))
+    assert float((goal - began).max()) > 5

@@ -65,7 +65,7 @@ def trained(config, copies, updates):
 
     The chain: one place to the left, to the right, or none, with walls at both ends.
     """
-    value = Value(1, members=1, width=16, depth=2, frequencies=3, key=jax.random.key(0))
+    value = Value(1, width=16, depth=2, frequencies=3, key=jax.random.key(0))
     models = only(value)
     states, goals = (x.ravel() for x in jnp.meshgrid(jnp.arange(6.0), jnp.arange(6.0)))
     adam = optax.adam(config.learning_rate)

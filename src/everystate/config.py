@@ -29,7 +29,7 @@ class Config:
     m: int = 20
     """m: goals decoded from f per choice, of which the least likely is kept."""
     goals: Literal["imagined", "visited"] = "imagined"
-    """Where the m come from: decoded from f (paper), or drawn from the goal buffer [D19]."""
+    """Where the m come from: decoded from f (paper), or drawn from the goal buffer [D17]."""
 
     # --- Reward (4.2) ---
     k: float = 100.0
@@ -65,11 +65,6 @@ class Config:
     curriculum_share: float = 0.05
     """Largest share one example may have of a normalised minibatch [D5]."""
 
-    p_rewind: float = 0.0
-    """Share of pairs (s, g) whose s is where the body that reached g was shortly before [D17]."""
-    rewind_steps: int = 50
-    """How long before: 1 to this many steps, evenly."""
-
     # --- Replay (Appendix A) ---
     capacity: int = 100_000
     """Items per replay ring."""
@@ -85,8 +80,6 @@ class Config:
     # --- Value (4.3) ---
     bound_value: bool = True
     """V_targ is held below 0, and targets are clipped to [-(copies + 1), 0] [D4]."""
-    values: int = 1
-    """Members of V, of which the least counts; the paper has one [D18]."""
     absorb_goal: bool = False
     """Reaching ends the count: r + (1 - exp(-k |dz|^2)) V_targ instead of r + V_targ [D10]."""
     goal_value_weight: float = 1.0
@@ -203,14 +196,11 @@ _RANGES: dict[str, tuple[float, float]] = {
     "hindsight_steps": (1, 10_000),
     "p_curric": (0, 1),
     "curriculum_share": (1e-6, 1),
-    "p_rewind": (0, 1),
-    "rewind_steps": (1, 10_000),
     "capacity": (2, 100_000_000),
     "batch_size": (2, 1_000_000),
     "half_life": (1e-3, 1e9),
     "weight_temper": (0, 1),
     "weight_clip": (0, math.inf),
-    "values": (1, 100),
     "goal_value_weight": (0, 1e3),
     "num_bodies": (1, 100_000),
     "steps_per_epoch": (1, 100_000),

@@ -109,7 +109,7 @@ def value_loss(
     goals: Float[Array, "batch s"],
     targets: Float[Array, " batch"],
 ) -> Float[Array, ""]:
-    """Mean of (V(s, g) - v_targ)^2 + V(g, g)^2 (Algorithm 1), for every member of V."""
-    errors = jax.vmap(models.value.members)(states, goals) - targets[:, None]
-    at_goals = jax.vmap(models.value.members)(goals, goals)
+    """Mean of (V(s, g) - v_targ)^2 + V(g, g)^2 (Algorithm 1)."""
+    errors = jax.vmap(models.value)(states, goals) - targets
+    at_goals = jax.vmap(models.value)(goals, goals)
     return jnp.mean(errors**2) + config.goal_value_weight * jnp.mean(at_goals**2)

@@ -81,7 +81,7 @@ def new_models(
         dynamics=Dynamics(d, change_scale),
         policy=conditional("pi", action_size, 2 * state_size, config.policy_layers),
         curriculum=conditional("c", state_size, state_size, config.curriculum_layers),
-        value=Value(state_size, members=config.values, key=named(key, "V"), **network),
+        value=Value(state_size, key=named(key, "V"), **network),
     )
 
 

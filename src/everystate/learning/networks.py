@@ -51,27 +51,14 @@ class Network(eqx.Module):
 
 
 class Value(eqx.Module):
-    """V(s, g): about minus the number of steps from s to g (4.2, 4.3).
+    """V(s, g): about minus the number of steps from s to g (4.2, 4.3)."""
 
-    With several members it is the least of them: where they have not been told, they differ, and
-    the best of many candidates would else be the one that V is most wrong about [D18].
-    """
+    network: Network
 
-    networks: Network  # Stacked, one slice per member.
-
-    def __init__(self, state_size: int, *, members: int, key: PRNGKeyArray, **network: int) -> None:
+    def __init__(self, state_size: int, *, key: PRNGKeyArray, **network: int) -> None:
         """An untrained value of states and goals with `state_size` components."""
-        keys = jax.random.split(key, members)
-        make = lambda key: Network(2 * state_size, 1, key=key, **network)  # noqa: E731
-        self.networks = eqx.filter_vmap(make)(keys)
-
-    def members(
-        self, state: Float[Array, " s"], goal: Float[Array, " s"]
-    ) -> Float[Array, " members"]:
-        """What each member says."""
-        inputs = jnp.concatenate([state, goal])
-        return eqx.filter_vmap(lambda network: network(inputs)[0])(self.networks)
+        self.network = Network(2 * state_size, 1, key=key, **network)
 
     def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         """V of one state and one goal, both scaled, in steps."""
-        return self.members(state, goal).min()
+        return self.network(jnp.concatenate([state, goal]))[0]

@@ -118,7 +118,10 @@ def visited_goals(
 ) -> Float[Array, "count s"]:
     """States drawn from the goal buffer: evenly over the space visited, not over the time spent."""
     weights = replay.goal_log_weights
-    slots = draw(temper(config, weights, median(weights)), count, key=key)
+    filled = jnp.isfinite(weights)
+    # The mean will do for a centre here: a median at every control step would take too long.
+    centre = jnp.where(filled, weights, 0.0).sum() / jnp.maximum(filled.sum(dtype=jnp.float32), 1.0)
+    slots = draw(temper(config, weights, centre), count, key=key)
     return replay.transitions.next_observations[slots]
 
 
@@ -143,14 +146,6 @@ def sample(
     goals = draw(goal_log_weights, config.batch_size, key=named(key, "goals"))
     slots = draw(transition_log_weights, config.batch_size, key=named(key, "transitions"))
     began, reached = replay.transitions.observations, replay.transitions.next_observations
-
-    # Some s are where the body that reached g was a while before.
-    key_share, key_steps = jax.random.split(named(key, "rewind"))
-    back = jax.random.randint(key_steps, goals.shape, 0, config.rewind_steps, jnp.int32)
-    oldest = jnp.where(replay.size == replay.capacity, replay.position, 0)
-    back = jnp.minimum(back, (goals - oldest) % replay.capacity // config.num_bodies)
-    before = began[(goals - back * config.num_bodies) % replay.capacity]
-    rewound = jax.random.bernoulli(key_share, config.p_rewind, goals.shape)
     # num_bodies slots on is the same body one step later (2.3), unless it came to an end between.
     steps = jnp.arange(config.hindsight_steps, dtype=jnp.int32)
     chain = (slots[:, None] + steps[None, :] * config.num_bodies) % replay.capacity
@@ -163,7 +158,7 @@ def sample(
     ahead = jnp.minimum(ahead, jnp.minimum(newer, unbroken))
     later = (slots + ahead * config.num_bodies) % replay.capacity
     return Minibatch(
-        states=jnp.where(rewound[:, None], before, reached[states]),
+        states=reached[states],
         goals=reached[goals],
         transitions=jax.tree.map(lambda ring: ring[slots], replay.transitions),
         hindsight_goals=reached[later],
