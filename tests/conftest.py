@@ -3,7 +3,7 @@
 import functools
 import importlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 # Both before anything imports JAX: tests mean the same everywhere, and a GPU is asked for by name.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -51,3 +51,10 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)  # for the processes that tests start
         jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_programs() -> Iterator[None]:
+    """Frees a module's compiled programs: each maps memory, and a process has 65,530 maps."""
+    yield
+    jax.clear_caches()
