@@ -12,7 +12,7 @@ from everystate.envs import Ant, MujocoVectorEnv, make
 from everystate.envs.body import load_model
 
 ANKLES = slice(1, 8, 2)
-REST = 0.8951
+REST = 0.8951023805006386  # where the foot is level: twice the half angle of its frame's quaternion
 MIRROR = np.diag([1.0, -1.0, 1.0])  # of the world, in its xz plane
 BELLY = np.diag([1.0, 1.0, -1.0])  # of the ant, in its own xy plane
 
@@ -27,7 +27,7 @@ def reference_ant() -> mujoco.MjModel:
     floor.type, floor.size = mujoco.mjtGeom.mjGEOM_PLANE, [0, 0, 1]
     for joint in spec.joints:
         if joint.name.endswith("ankle"):
-            joint.range, joint.springref = [-0.34906, 2.13926], REST
+            joint.range, joint.springref = [-0.34906, 2 * REST + 0.34906], REST
     for sensor in list(spec.sensors):
         spec.delete(sensor)
     return spec.compile()
@@ -71,7 +71,7 @@ def test_an_upside_down_ant_mirrors_an_upright_one() -> None:
     other.qpos[7:][ANKLES] = 2 * REST - upright.qpos[7:][ANKLES]
     rng = np.random.default_rng(0)
     touched = 0
-    for _ in range(20):
+    for _ in range(40):
         upright.ctrl[:] = other.ctrl[:] = rng.uniform(-1, 1, 8)
         other.ctrl[ANKLES] *= -1
         for data in (upright, other):
@@ -81,10 +81,10 @@ def test_an_upside_down_ant_mirrors_an_upright_one() -> None:
         expected[1] *= -1
         mirrored = MIRROR @ upright.body("torso").xmat.reshape(3, 3) @ BELLY
         expected[7:][ANKLES] = 2 * REST - expected[7:][ANKLES]
-        np.testing.assert_allclose(other.qpos[:3], expected[:3], atol=1e-6)
-        np.testing.assert_allclose(other.qpos[7:], expected[7:], atol=1e-6)
-        np.testing.assert_allclose(other.body("torso").xmat.reshape(3, 3), mirrored, atol=1e-6)
-    assert touched > 10
+        np.testing.assert_allclose(other.qpos[:3], expected[:3], atol=1e-12)
+        np.testing.assert_allclose(other.qpos[7:], expected[7:], atol=1e-12)
+        np.testing.assert_allclose(other.body("torso").xmat.reshape(3, 3), mirrored, atol=1e-12)
+    assert touched > 20
 
 
 def test_no_ant_gets_stuck_in_100_seconds() -> None:
