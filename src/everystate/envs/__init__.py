@@ -11,11 +11,12 @@ from everystate.envs.adapt import import_module
 from everystate.envs.ant import Ant
 from everystate.envs.body import Body
 from everystate.envs.cartpole import Cartpole
+from everystate.envs.disturbance import Disturbance
 from everystate.envs.gymnasium_vector import GymnasiumVectorEnv
 from everystate.envs.joints import JointBody
 from everystate.envs.mujoco_vector import MujocoVectorEnv
 from everystate.envs.ramp_pointmass import RampPointmass
-from everystate.envs.vector import BodyVectorEnv, Disturbance, random_play
+from everystate.envs.vector import BodyVectorEnv, random_play
 from everystate.errors import EverystateError, suggest
 
 __all__ = [

@@ -5,14 +5,16 @@ import json
 from typing import Any, ClassVar
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from jaxtyping import Bool, Float, UInt8
 
 from everystate.envs import snapshot
 from everystate.envs.adapt import EXTRA, ActionScaling, Flattening, make_single
+from everystate.envs.disturbance import Disturbance
 from everystate.envs.rendering import headless
-from everystate.envs.vector import BodyVectorEnv, Disturbance
+from everystate.envs.vector import BodyVectorEnv
 from everystate.errors import EverystateError
 
 
@@ -64,14 +66,14 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         super().__init__(num_envs, seed, low, high, self._scale.size, disturbance, render_mode)
         rest = [make_single(body, render_mode, **kwargs) for _ in range(num_envs - 1)]
         self.envs: list[gymnasium.Env] = [first, *rest]
-        if disturbance.changes_model:
-            for env in self.envs:
-                found = snapshot.physics(env)
-                if found is None:
-                    raise EverystateError(
-                        f"{body} is no MuJoCo model: its mass, friction and force stay as they are"
-                    )
-                disturbance.perturb(found[0])
+        if disturbance.changes_model and found is None:
+            raise EverystateError(
+                f"{body} is no MuJoCo model: its mass, friction and force stay as they are"
+            )
+        for model, _ in filter(None, map(snapshot.physics, self.envs)):
+            disturbance.perturb(model)
+            # A body that blows up must be seen, not silently put back to its start.
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self._current = np.zeros((num_envs, self._flatten.size))
         self.reset()
 

@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped, UInt8
 
 from everystate.envs.body import Body, load_model
+from everystate.envs.disturbance import Disturbance
 from everystate.envs.rendering import render_states
-from everystate.envs.vector import BodyVectorEnv, Disturbance, require_finite
+from everystate.envs.vector import BodyVectorEnv, require_finite
 from everystate.errors import EverystateError
 
 # mjSTATE_INTEGRATION by name: all that decides the future of a simulation.
