@@ -146,7 +146,7 @@ def table(result: Mapping[str, Any]) -> Table:
 
 def skills_table(result: Mapping[str, Any]) -> Table:
     """The shares of starts from which the named skills succeeded."""
-    shown = Table(title=f"Named skills, {result['body']}, {STARTS} starts")
+    shown = Table(title="Named skills", caption=f"of {STARTS} starts")
     shown.add_column("skill")
     for heading in ("policy", "planning"):
         shown.add_column(heading, justify="right")
