@@ -15,6 +15,7 @@ from everystate.config import Config, preset
 from everystate.envs import MujocoVectorEnv
 from everystate.errors import EverystateError
 from everystate.viewing import figures, plots
+from everystate.viewing.report import over_time
 
 
 class Straight:
@@ -154,3 +155,18 @@ def test_settings_are_compared_from_files_alone(
     assert path.stat().st_size > 10_000
     with pytest.raises(EverystateError, match=r"no metrics\.jsonl"):
         figures.comparison({"none": [tmp_path]})
+
+
+def test_what_a_body_does_not_have_is_not_drawn(tmp_path: Path) -> None:
+    """Without cells to visit there is only the panel of falls; without any fall, no picture."""
+    run = fake_run(tmp_path / "run")
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+
+    def panels(**changed: float) -> dict[str, int]:
+        kept = [{n: x for n, x in line.items() if n != "coverage/cells"} for line in lines]
+        text = "".join(json.dumps(line | changed) + "\n" for line in kept)
+        (run / "metrics.jsonl").write_text(text)
+        return {p.name: len(p.draw().axes) for p in over_time(run)}
+
+    assert panels()["coverage"] == 1
+    assert "coverage" not in panels(**{"env/falls_per_1000": 0.0})

@@ -1,6 +1,7 @@
 """The report of a run: one page that needs nothing else, and the same pictures as PNG files."""
 
 import base64
+import functools
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -95,6 +96,8 @@ def over_time(run_dir: Path) -> list[Picture]:
     if "episode/ended" in columns:  # an epoch in which none ended says nothing of episodes
         for name in ("episode/length", "episode/reached"):
             columns[name] = np.where(columns["episode/ended"] > 0, columns[name], np.nan)
+    if not columns.get("env/falls_per_1000", np.zeros(1)).any():  # a body that cannot fall
+        columns.pop("env/falls_per_1000", None)
     models = {"f": "states", "d": "dynamics", "pi": "policy", "c": "curriculum", "V": "value"}
     curves: dict[str, tuple[str, str, list[tuple[str, dict[str, str]]], dict[str, Any]]] = {
         "coverage": (
@@ -158,11 +161,14 @@ def over_time(run_dir: Path) -> list[Picture]:
             [("goals held", labels)],
             {"share": [0], "columns": 1},
         )
-    return [
-        Picture(name, title, caption, lambda p=panels, o=options: plots.over_time(columns, p, **o))
-        for name, (title, caption, panels, options) in curves.items()
-        if any(metric in columns for _, panel in panels for metric in panel)
-    ]
+    found = []
+    for name, (title, caption, panels, options) in curves.items():
+        kept = [i for i, (_, panel) in enumerate(panels) if not columns.keys().isdisjoint(panel)]
+        shares = [i for i, panel in enumerate(kept) if panel in options.get("share", ())]
+        drawn, options = [panels[i] for i in kept], options | {"share": shares}
+        draw = functools.partial(plots.over_time, columns, drawn, **options)
+        found += [Picture(name, title, caption, draw)] if drawn else []
+    return found
 
 
 def on_the_map(
