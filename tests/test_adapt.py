@@ -251,6 +251,7 @@ def test_actions_are_repeated_up_to_the_end() -> None:
     env = counters(action_repeat=4, ends_at=10)
     results = still(env, 3)
     assert [result[0][0, 0] for result in results] == [4, 8, 0]
+    assert make("cartpole", 1, 0, action_repeat=4).control_step == pytest.approx(0.16)
     assert results[2][4]["final_obs"][0, 0] == 10
 
 

@@ -102,6 +102,7 @@ def test_actions_span_what_the_motors_take(arm: str) -> None:
     ("text", "said"),
     [
         ("<mujoco>", "does not compile"),
+        ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "no joint"),
         ("<mujoco><worldbody><geom size='-1'/></worldbody></mujoco>", "does not compile"),
         ("<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>", "motor"),
     ],

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from everystate import evaluation, viewing
+from everystate import envs, evaluation, viewing
 from everystate.config import Config, preset
 from everystate.envs import MujocoVectorEnv
 from everystate.errors import EverystateError
+from everystate.evaluation import suites
 from everystate.viewing import figures, plots
-from everystate.viewing.report import over_time
+from everystate.viewing.report import on_the_map, over_time
 
 
 class Straight:
@@ -170,3 +171,13 @@ def test_what_a_body_does_not_have_is_not_drawn(tmp_path: Path) -> None:
 
     assert panels()["coverage"] == 1
     assert "coverage" not in panels(**{"env/falls_per_1000": 0.0})
+
+
+def test_actions_are_arrows_only_where_they_have_two_components(tmp_path: Path) -> None:
+    class Pushes(Straight):
+        config = preset("test", "gymnasium:MountainCarContinuous-v0")
+
+    body = Pushes.config.body
+    drawn = on_the_map(tmp_path, Pushes(), envs.make(body, 1, 0), suites.load(body))
+    assert [picture.name for picture in drawn] == ["values"]
+    assert drawn[0].draw().axes

@@ -130,6 +130,15 @@ def test_what_is_not_there_is_named() -> None:
         skills_of("ant")
     assert set(SKILLS) <= set(BODIES)
 
+    class Walks(Walker):
+        config = preset("test", "ant")
+
+        def act(self, *args: Any, **kwargs: Any) -> np.ndarray:
+            raise AssertionError("measured before the skills were looked for")
+
+    with pytest.raises(EverystateError, match="ant has no named skills"):
+        evaluation.evaluate(Walks(), skills=True)
+
 
 def test_skills_are_listed(capsys: pytest.CaptureFixture) -> None:
     assert cli.main(["skills", "cartpole"]) == 0

@@ -4,7 +4,7 @@ from everystate.agent.agent import Agent, load
 from everystate.agent.arrays import named_arrays, skeleton, with_arrays
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import BodyInfo, config_from_json, config_to_json
-from everystate.agent.performance import Performance
+from everystate.agent.performance import Performance, step_seed
 
 __all__ = [
     "Agent",
@@ -16,5 +16,6 @@ __all__ = [
     "load",
     "named_arrays",
     "skeleton",
+    "step_seed",
     "with_arrays",
 ]

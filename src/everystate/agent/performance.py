@@ -10,6 +10,11 @@ from numpy.typing import ArrayLike
 from everystate.skills import Skill
 
 
+def step_seed(seed: int, step: int) -> int:
+    """A seed for each step: with the same one, planning would repeat its noise at every step."""
+    return (seed * 100_003 + step) % 2**31  # what JAX takes for a seed without 64-bit integers
+
+
 @runtime_checkable
 class Actor(Protocol):
     """What can be sent to a goal."""
@@ -42,8 +47,7 @@ class Performance:
 
     def __call__(self, observation: ArrayLike) -> Float32[np.ndarray, "*n action"]:
         """The next action."""
-        # Seeds of different steps must differ, or planning would repeat its noise at every step.
-        seed = (self.seed * 100_003 + self.step) % 2**31
+        seed = step_seed(self.seed, self.step)
         action = self.agent.act(observation, self.goal, plan=self.plan, seed=seed)
         self.step += 1
         return action

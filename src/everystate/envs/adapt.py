@@ -16,7 +16,7 @@ from everystate.envs.rendering import headless
 from everystate.errors import EverystateError
 
 EXTRA = "pip install 'everystate[bodies]'"
-_OPTIONAL = {"gymnasium_robotics", "shimmy", "dm_control", "pygame", "mujoco", "Box2D"}
+_OPTIONAL = {"gymnasium_robotics", "shimmy", "dm_control", "pygame"}  # what the extra has
 _GOAL_KEYS = {"observation", "achieved_goal", "desired_goal"}
 _HUGE = 1e6  # bounds beyond this are no bounds
 

@@ -82,7 +82,7 @@ def load_model(xml: Path) -> mujoco.MjModel:
     """The model in an MJCF file.
 
     Raises:
-        EverystateError: the file is missing, does not compile, or has no motor.
+        EverystateError: the file is missing, does not compile, or has no joint or no motor.
     """
     if not xml.is_file():
         raise EverystateError(f"there is no MJCF file {xml}: give the path of one")
@@ -90,6 +90,8 @@ def load_model(xml: Path) -> mujoco.MjModel:
         model = mujoco.MjModel.from_xml_path(str(xml))
     except ValueError as error:
         raise EverystateError(f"{xml} does not compile: {error}") from error
+    if model.nv == 0:
+        raise EverystateError(f"{xml} has no joint: nothing in it can move")
     if model.nu == 0:
         raise EverystateError(f"{xml} has no actuator: give its <actuator> at least one motor")
     # A body that blows up must be seen, not silently put back where it was built.

@@ -61,7 +61,7 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         self.nominal = (middle, half)
         found = snapshot.physics(first)
         step = getattr(first.unwrapped, "dt", None)
-        self.control_step = float(step) if isinstance(step, float) else None
+        self.control_step = step * disturbance.action_repeat if isinstance(step, float) else None
         self._goes_on = ends == "ignore" or (ends == "auto" and found is not None)
         super().__init__(num_envs, seed, low, high, self._scale.size, disturbance, render_mode)
         rest = [make_single(body, render_mode, **kwargs) for _ in range(num_envs - 1)]

@@ -54,7 +54,7 @@ class MujocoVectorEnv(BodyVectorEnv):
         self.nominal = (body.centre, body.spread)
         self.model = load_model(body.xml)
         disturbance.perturb(self.model)
-        self.control_step = self.model.opt.timestep * body.frame_skip
+        self.control_step = self.model.opt.timestep * body.frame_skip * disturbance.action_repeat
         super().__init__(
             num_envs, seed, body.low, body.high, self.model.nu, disturbance, render_mode
         )

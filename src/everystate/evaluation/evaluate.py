@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Float
 from rich.table import Table
 
-from everystate.agent import config_to_json, load
+from everystate.agent import config_to_json, load, step_seed
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.evaluation import metrics, suites
 from everystate.evaluation.agents import Agent
 from everystate.evaluation.performances import STARTS, success_rates
 from everystate.evaluation.provenance import provenance
+from everystate.skills import skills_of
 
 
 def evaluate(
@@ -48,6 +49,8 @@ def evaluate(
     run = None
     if isinstance(agent, (str, Path)):
         run, agent = Path(agent), load(agent)
+    if skills:
+        skills_of(agent.config.body)  # a body without any is better told now than after the goals
     suite = suites.load(agent.config.body, goals_file, agent.config.body_options)
     if episodes is not None:
         suite = suite.subset(episodes)
@@ -69,6 +72,7 @@ def evaluate(
         "seed": seed,
         "suite": {
             "file": None if goals_file is None else Path(goals_file).name,
+            "notes": suite.notes,
             "seed": suite.seed,
             "sigma": dict(zip(suite.components, suite.sigma.tolist(), strict=True)),
         },
@@ -100,8 +104,7 @@ def rollout(
     goals = np.asarray(goals, dtype=np.float32)
     states = [observations]
     for step in range(steps):
-        # Seeds of different steps must differ, or planning would repeat its noise at every step.
-        actions = agent.act(observations, goals, plan=plan, seed=_noise_seed(seed, step))
+        actions = agent.act(observations, goals, plan=plan, seed=step_seed(seed, step))
         observations, _, _, _, info = env.step(actions)
         states.append(info.get("final_obs", observations))
     return np.stack(states)
@@ -155,10 +158,6 @@ def skills_table(result: Mapping[str, Any]) -> Table:
         cells = [rate, *([planned[name]] if planned else [])]
         shown.add_row(name, *(f"{100 * cell:.0f} %" for cell in cells))
     return shown
-
-
-def _noise_seed(seed: int, step: int) -> int:
-    return (seed * 100_003 + step) % 2**31  # what JAX takes for a seed without 64-bit integers
 
 
 def _measure(agent: Agent, suite: suites.Suite, *, plan: bool, seed: int) -> dict[str, Any]:

@@ -187,14 +187,16 @@ def on_the_map(
             " ones the foot and the top of the ramp.",
             lambda: maps.value_maps(agent, env, goals),
         ),
-        Picture(
+    ]
+    if env.single_action_space.shape == (2,):  # or an action is no arrow on the map
+        arrows = Picture(
             "policy",
             "What it does",
             f"Actions on the way to one goal on the {last} (star): the policy at z = 0, and the"
             " first of the best few actions in a row that a short search finds.",
             lambda: maps.policy_arrows(agent, env, goals[last], batch=len(suite.goals)),
-        ),
-    ]
+        )
+        found.append(arrows)
     samples = sorted((run_dir / "samples").glob("*.npz"))
     if samples:
         with np.load(samples[-1]) as arrays:
