@@ -20,7 +20,7 @@ SUMMARY = Path(__file__).resolve().parents[1] / "results" / "cartpole-notes" / "
 
 
 def whereabouts(samples: Path) -> dict[str, float]:
-    """Of one epoch: shares of the states visited, speeds in rad/s, how far goals are from states."""
+    """Of one epoch: shares of the states visited, speeds in rad/s, how far goals are from any."""
     with np.load(samples) as arrays:
         states, goals = arrays["next_observations"], arrays["goals"]
     _, cosine, _, _, w = states.T
