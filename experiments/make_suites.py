@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from cartpole_controllers import pump, regulator
 from jaxtyping import Bool, Float
 from scipy.stats import qmc
 
@@ -102,7 +103,73 @@ def ramp_pointmass(seed: int = 0) -> suites.Suite:
     )
 
 
-MAKERS = {"ramp-pointmass": ramp_pointmass}
+CARTPOLE_NOTES = (
+    "200 goals: 50 hanging and 50 upright, all at rest, evenly spread over 2.4 m of the rail, where"
+    " an agent can stay; and 100 moving ones, states that controllers written by hand and random"
+    " actions led to, each the farthest from all before it, which it can only pass through: of these"
+    " look at `any`. Half of the starts are at rest and hanging, half in motion. sigma is the standard"
+    " deviation over the states visited."
+)
+
+
+def cartpole_visited(rng: np.random.Generator, num: int = 60) -> Float[np.ndarray, "n 5"]:
+    """States on the way up, upright, spinning, coming to rest, and under random actions."""
+    up, down, env = regulator(0.0), regulator(np.pi), make("cartpole", num, 0)
+    states, _ = env.reset(seed=int(rng.integers(2**31)))
+    visited = []
+    for _ in range(12):
+        place, speed = rng.uniform(-1.2, 1.2, num), rng.uniform(0, 8, num)
+        what = rng.integers(4, size=num)
+        for _ in range(100):
+            now = states.astype(float)
+            caught = (now[:, 1] > 0.9) & (np.abs(now[:, 4]) < 3.5)
+            choices = [
+                np.where(caught, up(now, place), pump(now, place, 0.0)),
+                pump(now, place, speed),
+                down(now, place),
+                rng.uniform(-1, 1, num),
+            ]
+            actions = np.clip(np.choose(what, choices), -1, 1)
+            states = env.step(actions[:, None])[0]
+            visited.append(states)
+    return np.concatenate(visited).astype(float)
+
+
+def cartpole(seed: int = 0) -> suites.Suite:
+    """The suite of the cartpole."""
+    rng = np.random.default_rng(seed)
+    visited = cartpole_visited(rng)
+    sigma = visited.std(axis=0).round(4)
+    places = qmc.scale(qmc.Halton(1, rng=rng).random(100), -1.2, 1.2)
+    rests = np.repeat([[-1.0, 0, 0, 0], [1.0, 0, 0, 0]], 50, axis=0)
+    hanging, upright = np.split(np.concatenate([places, rests], axis=1), 2)
+    inner = visited[(np.abs(visited) < [1.5, np.inf, np.inf, 3.0, 10.0]).all(axis=1)]
+    moving = inner[(np.abs(inner[:, 3]) > 0.5) | (np.abs(inner[:, 4]) > 1)]
+    moving = moving[suites.spread_out(moving / sigma, 100)]
+    goals = np.concatenate([hanging, moving, upright])
+    rest = np.stack([rng.uniform(-1.2, 1.2, 100), *np.repeat([[-1.0], [0], [0], [0]], 100, axis=1)])
+    starts = np.concatenate([rest.T, inner[rng.choice(len(inner), 100, replace=False)]])
+    starts = starts[rng.permutation(200)]
+    while (near := metrics.distances(starts[None], goals, sigma)[0] <= 1.0).any():
+        one, other = rng.choice(np.flatnonzero(near)), rng.integers(200)
+        starts[[one, other]] = starts[[other, one]]
+    names = make("cartpole", 1, 0).state_names
+    return suites.Suite(
+        body="cartpole",
+        notes=CARTPOLE_NOTES,
+        seed=seed,
+        components=names,
+        sigma=sigma,
+        angular=(),
+        position=names[:3],
+        starts=starts.round(4),
+        goals=goals.round(4),
+        # Controllers written by hand swing up and come to rest in about 100.
+        horizons=np.full(len(goals), 200),
+    )
+
+
+MAKERS = {"ramp-pointmass": ramp_pointmass, "cartpole": cartpole}
 
 
 def main(bodies: list[str], folder: Path = suites.FOLDER) -> None:

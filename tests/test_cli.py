@@ -120,6 +120,14 @@ def test_train_takes_the_defaults_of_body_and_preset(calls: list[tuple[str, Any]
         ("evaluate nowhere", "no agent at nowhere"),
         ("evaluate nowhere --jsn", "did you mean '--json'?"),
         ("report nowhere", "no agent at nowhere"),
+        ("render nowhere", "no agent at nowhere"),
+        ("render ramp-pointmass --skill clim", "did you mean 'climb'?"),
+        ("render ramp-pointmass --goal 0", "the goal has shape (1,): expected (2,)"),
+        ("render ramp-pointmass --goal 0 0 --explore", "give one of --skill, --goal and --explore"),
+        ("render ramp-pointmass --out film.avi", "cannot write film.avi"),
+        ("render ramp-pointmass --out no/film.mp4", "no is no folder: make it first"),
+        ("render ramp-pointmass --steps 0", "steps is 0: film at least 1"),
+        ("render ramp-pointmass --size 481 360", "size 481 x 360: both even"),
     ],
 )
 def test_a_mistake_is_one_line_and_writes_nothing(

@@ -126,7 +126,10 @@ def test_rate_counts_only_steps_within_the_horizon() -> None:
 # --- The suite ---
 
 
-def test_suites_are_what_their_script_makes(tmp_path: Path) -> None:
+def test_suites_are_what_their_script_makes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "experiments")
     script = runpy.run_path(str(ROOT / "experiments" / "make_suites.py"))
     script["main"]([], tmp_path)
     assert sorted(path.stem for path in tmp_path.iterdir()) == sorted(suites.SUITES)

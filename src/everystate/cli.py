@@ -3,6 +3,7 @@
   train BODY     let an agent teach itself a body, or go on with a run
   evaluate RUN   measure what it can reach [--json]
   report RUN     draw a page of pictures of a run
+  render RUN     film an agent performing a skill, going to a goal or exploring
   demo           all three on the Ramp Pointmass, in minutes
   bodies [BODY]  list the bodies and their states, or describe any other
   skills [BODY]  list the named skills, for `evaluate --skills` and `agent.perform`
@@ -69,6 +70,31 @@ class Report:
     """Run folder."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Render:
+    """Films an agent, in real time; the goal is a translucent ghost, what V thinks is below."""
+
+    run: tyro.conf.Positional[Path]
+    """Run folder, exported agent, or the name of an agent that comes with everystate."""
+    skill: str | None = None
+    """A named skill; `everystate skills BODY` lists them."""
+    goal: tuple[float, ...] | None = None
+    """A state to go to, a number for each component, in the order of `everystate bodies BODY`."""
+    explore: bool = False
+    """Goals that the agent proposes itself; so it is without --skill and --goal too."""
+    out: Path | None = None
+    """NAME.mp4 or NAME.gif for a film, NAME.png for a strip of moments. By default an .mp4 named
+    after the body and what it does, here."""
+    steps: int = 250
+    """Control steps of --goal and --explore; a skill has its own."""
+    plan: bool = False
+    """Act by planning rather than by the policy."""
+    seed: int = 0
+    """Of where it starts, of the body's noise and of planning."""
+    size: tuple[int, int] = (480, 360)
+    """Width and height of a frame, in pixels."""
+
+
 def train(argv: list[str], command: str = "train", run_dir: Path | None = None) -> Path:
     """Train an agent, or go on; returns the folder of the run."""
     named = bool(argv) and not argv[0].startswith("-")
@@ -117,6 +143,26 @@ def report(argv: list[str]) -> None:
     print(viewing.report(options.run, evaluation.evaluate(options.run)))
 
 
+def render(argv: list[str]) -> None:
+    """Film an agent."""
+    options = _parse(Render, "render", argv)
+    from everystate import viewing
+
+    print(
+        viewing.render(
+            options.run,
+            options.out,
+            skill=options.skill,
+            goal=options.goal,
+            explore=options.explore,
+            steps=options.steps,
+            plan=options.plan,
+            seed=options.seed,
+            size=options.size,
+        )
+    )
+
+
 def demo(argv: list[str]) -> None:
     """Train, evaluate and report on the Ramp Pointmass."""
     run_dir = train(["ramp-pointmass", *argv], "demo", Path("runs/ramp-pointmass-demo"))
@@ -151,7 +197,7 @@ def skills(argv: list[str]) -> None:
             print(f"  {name}: {skill.text}")
 
 
-COMMANDS = {f.__name__: f for f in (train, evaluate, report, demo, bodies, skills)}
+COMMANDS = {f.__name__: f for f in (train, evaluate, report, render, demo, bodies, skills)}
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -39,7 +39,7 @@ class Cartpole(JointBody):
         return np.stack([x, np.cos(angle), np.sin(angle), *slow], axis=1)
 
     def regions(self, observations: Float[np.ndarray, "*n 5"]) -> Shaped[np.ndarray, "*n"]:
-        """Whether the pole is within 45 degrees of up, of down, or between."""
-        cosine = observations[..., 1]
-        limit = np.sqrt(0.5)
-        return np.where(cosine > limit, "up", np.where(cosine < -limit, "down", "side"))
+        """Upright or hanging, both about at rest, where it can stay; else moving."""
+        _, cosine, _, v, w = np.moveaxis(observations, -1, 0)
+        still = (np.abs(cosine) > np.cos(np.radians(18))) & (np.abs(v) < 0.5) & (np.abs(w) < 1)
+        return np.where(still, np.where(cosine > 0, "upright", "hanging"), "moving")

@@ -123,7 +123,7 @@ class GymnasiumVectorEnv(BodyVectorEnv):
     def render_states(
         self,
         observations: Float[np.ndarray, "steps state"],
-        goal: Float[np.ndarray, " state"] | None = None,
+        goal: Float[np.ndarray, "*steps state"] | None = None,
         width: int = 320,
         height: int = 240,
     ) -> UInt8[np.ndarray, "steps height width 3"]:

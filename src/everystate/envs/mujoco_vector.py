@@ -113,11 +113,11 @@ class MujocoVectorEnv(BodyVectorEnv):
     def render_states(
         self,
         observations: Float[np.ndarray, "steps state"],
-        goal: Float[np.ndarray, " state"] | None = None,
+        goal: Float[np.ndarray, "*steps state"] | None = None,
         width: int = 320,
         height: int = 240,
     ) -> UInt8[np.ndarray, "steps height width 3"]:
-        """Pictures of stored states; a goal appears as a translucent ghost."""
+        """Pictures of stored states; goals, one or one each, appear as translucent ghosts."""
         return render_states(self.model, self.body, observations, goal, width, height)
 
     def render(self) -> tuple[UInt8[np.ndarray, "height width 3"], ...] | None:

@@ -22,23 +22,26 @@ def render_states(
     model: mujoco.MjModel,
     body: Body,
     observations: Float[np.ndarray, "steps state"],
-    goal: Float[np.ndarray, " state"] | None,
+    goal: Float[np.ndarray, "*steps state"] | None,
     width: int,
     height: int,
 ) -> UInt8[np.ndarray, "steps height width 3"]:
-    """One picture per state from the body's camera; the goal as a translucent green ghost."""
+    """One picture per state from the body's camera; goals, one or one each, as green ghosts."""
     poses, _ = body.place(np.asarray(observations, dtype=np.float64))
     data, ghost = mujoco.MjData(model), mujoco.MjData(model)
+    ghosts = [None] * len(poses)
     if goal is not None:
-        ghost.qpos[:] = body.place(np.asarray(goal, dtype=np.float64)[None])[0][0]
-        mujoco.mj_forward(model, ghost)
+        goals = np.broadcast_to(np.asarray(goal, dtype=np.float64), np.shape(observations))
+        ghosts = list(body.place(goals)[0])
     frames = np.empty((len(poses), height, width, 3), dtype=np.uint8)
     with _renderer(model, width, height) as renderer:
-        for frame, pose in zip(frames, poses, strict=True):
+        for frame, pose, ghost_pose in zip(frames, poses, ghosts, strict=True):
             data.qpos[:] = pose
-            mujoco.mj_forward(model, data)
+            mujoco.mj_fwdPosition(model, data)
             renderer.update_scene(data, camera=body.camera)
-            if goal is not None:
+            if ghost_pose is not None:
+                ghost.qpos[:] = ghost_pose
+                mujoco.mj_kinematics(model, ghost)
                 _add_ghost(model, ghost, renderer.scene, body.ghost_scale)
             frame[:] = renderer.render()
     return frames

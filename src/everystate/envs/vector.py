@@ -116,11 +116,11 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
     def render_states(
         self,
         observations: Float[np.ndarray, "steps state"],
-        goal: Float[np.ndarray, " state"] | None = None,
+        goal: Float[np.ndarray, "*steps state"] | None = None,
         width: int = 320,
         height: int = 240,
     ) -> UInt8[np.ndarray, "steps height width 3"]:
-        """Pictures of stored states; a goal appears as a translucent ghost."""
+        """Pictures of stored states; goals, one or one each, appear as translucent ghosts."""
 
     @abstractmethod
     def _measurable(self) -> "BodyVectorEnv":

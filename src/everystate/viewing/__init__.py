@@ -1,5 +1,6 @@
-"""What people look at: pictures of runs, and the page that holds them."""
+"""What people look at: pictures and films of agents, and the page that holds them."""
 
+from everystate.viewing.render import render
 from everystate.viewing.report import report
 
-__all__ = ["report"]
+__all__ = ["render", "report"]

@@ -12,8 +12,9 @@ from typing import Any, ParamSpec
 import matplotlib as mpl
 import numpy as np
 from cycler import cycler
-from jaxtyping import Float
+from jaxtyping import Float, Int, UInt8
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -191,3 +192,30 @@ def filmstrip(frames: Sequence[np.ndarray], titles: Sequence[str], *, columns: i
         ax.imshow(frame)
         ax.set_title(title, fontsize=8)
     return figure
+
+
+@styled
+def _curves(panels: Mapping[str, Float[np.ndarray, " steps"]], width: int, height: int) -> Figure:
+    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+    for ax, (title, values) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
+        ax.plot(values, linewidth=1)
+        ax.set_title(title, fontsize=5, pad=2)
+        ax.tick_params(labelsize=4, length=2, pad=1)
+        ax.set_xticks([])
+        ax.set_xlim(0, max(len(values) - 1, 1))
+        ax.set_ylim(bottom=min(0.0, float(values.min())))
+    return figure
+
+
+def strip(
+    panels: Mapping[str, Float[np.ndarray, " steps"]], width: int, height: int
+) -> tuple[UInt8[np.ndarray, "height width 3"], Int[np.ndarray, "steps panels"]]:
+    """Curves beside each other as pixels, and for every step its pixel column in each of them."""
+    figure = _curves(panels, width, height)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    steps = np.arange(len(next(iter(panels.values()))))
+    points = np.stack([steps, np.zeros(len(steps))], axis=1)
+    at = [ax.transData.transform(points)[:, 0] for ax in figure.axes]
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    return pixels.copy(), np.clip(np.stack(at, axis=1).round().astype(int), 0, width - 1)

@@ -1,0 +1,91 @@
+"""What an agent did on its way somewhere, and what it thought of it: the raw material of films."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy.typing import ArrayLike
+
+from everystate.agent import Agent, step_seed
+from everystate.envs import BodyVectorEnv, make, parse_options
+from everystate.errors import EverystateError
+from everystate.evaluation import perform
+from everystate.skills import skill as skill_of
+
+EXPLORED = 5
+"""How many proposed goals `explore` goes to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One body on its way, a row per control step, in the body's own units."""
+
+    title: str
+    states: Float32[np.ndarray, "steps state"]
+    goals: Float32[np.ndarray, "steps state"]
+    steps_to_goal: Float[np.ndarray, " steps"]
+    """What the agent thought: -V(s, g)."""
+    distance: Float[np.ndarray, " steps"]
+    """max_i |s_i - g_i| in spreads of the component."""
+
+
+def body_of(agent: Agent, seed: int = 0) -> BodyVectorEnv:
+    """One body like the one the agent was trained on.
+
+    Raises:
+        EverystateError: it can be drawn only live, not from what it observed.
+    """
+    config = agent.config
+    env = make(config.body, 1, seed, **parse_options(config.body_options))
+    if not env.placeable:
+        raise EverystateError(f"{env.name} cannot be drawn from what it observed, only live")
+    return env
+
+
+def record_skill(agent: Agent, name: str, *, plan: bool, seed: int) -> Recording:
+    """A named skill, from one of its starts."""
+    one = skill_of(agent.config.body, name)
+    states, done = perform(agent, one, plan=plan, seed=seed, starts=1)
+    goals = np.array([one.goal(min(step, one.steps - 1)) for step in range(len(states))])
+    how = "with planning" if plan else "by the policy"
+    return _recording(
+        agent, f"{name}, {how}: {'done' if done[0] else 'not done'}", states[:, 0], goals
+    )
+
+
+def record_goal(agent: Agent, goal: ArrayLike, *, steps: int, plan: bool, seed: int) -> Recording:
+    """From where the body begins to one goal, which it then tries to keep."""
+    goals = np.tile(np.asarray(goal, dtype=np.float32), (steps, 1))
+    return _recording(agent, "to a goal", *_sent(agent, goals, plan=plan, seed=seed))
+
+
+def record_exploration(agent: Agent, *, steps: int, plan: bool, seed: int) -> Recording:
+    """As in training: to goals that the agent proposes, each for an equal share of the steps."""
+    proposed = agent.propose_goals(EXPLORED, seed)
+    goals = proposed[np.arange(steps) * EXPLORED // steps]
+    return _recording(agent, "to goals of its own", *_sent(agent, goals, plan=plan, seed=seed))
+
+
+def _sent(
+    agent: Agent, goals: Float32[np.ndarray, "steps state"], *, plan: bool, seed: int
+) -> tuple[Float32[np.ndarray, "_ state"], Float32[np.ndarray, "_ state"]]:
+    env = body_of(agent, seed)
+    observations, _ = env.reset(seed=seed)
+    states = [observations]
+    for step, goal in enumerate(goals):
+        actions = agent.act(states[-1], goal, plan=plan, seed=step_seed(seed, step))
+        states.append(env.step(actions)[0])
+    return np.concatenate(states), np.concatenate([goals, goals[-1:]])
+
+
+def _recording(
+    agent: Agent,
+    title: str,
+    states: Float32[np.ndarray, "steps state"],
+    goals: Float[np.ndarray, "steps state"],
+) -> Recording:
+    goals = goals.astype(np.float32)
+    apart = np.abs(states - goals) / np.asarray(agent.scale.spread)
+    return Recording(
+        title, states, goals, np.asarray(agent.steps_to_goal(states, goals)), apart.max(axis=1)
+    )

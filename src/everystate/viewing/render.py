@@ -1,0 +1,56 @@
+"""One film of an agent: what `everystate render` does."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from everystate.agent import load
+from everystate.errors import EverystateError
+from everystate.viewing import recording, video
+
+
+def render(
+    run: Path | str,
+    out: Path | None = None,
+    *,
+    skill: str | None = None,
+    goal: Sequence[float] | None = None,
+    explore: bool = False,
+    steps: int = 250,
+    plan: bool = False,
+    seed: int = 0,
+    size: tuple[int, int] = (480, 360),
+) -> Path:
+    """Films an agent performing a skill, going to a goal, or exploring (also if none is given).
+
+    Args:
+        run: run folder, exported agent, or the name of one that comes with everystate.
+        out: a file to be made, .mp4, .gif or .png; by default BODY-WHAT.mp4 here.
+        skill: name of a skill of its body.
+        goal: a state, in the body's units.
+        explore: go to goals that the agent proposes.
+        steps: control steps of a goal or of exploring.
+        plan: act by planning rather than by the policy.
+        seed: of where it starts, the body's noise and planning.
+        size: width and height of a frame.
+
+    Raises:
+        EverystateError: bad arguments, a file that is there already, or nothing to draw with.
+    """
+    if (skill is not None) + (goal is not None) + explore > 1:
+        raise EverystateError("give one of --skill, --goal and --explore")
+    if steps < 1:
+        raise EverystateError(f"steps is {steps}: film at least 1")
+    if any(side < 32 or side % 2 for side in size):
+        raise EverystateError(f"size {size[0]} x {size[1]}: both even, and at least 32")
+    agent = load(run)
+    env = recording.body_of(agent)
+    what = skill or ("goal" if goal is not None else "exploring")
+    out = video.check_target(out or Path(f"{env.name}-{what}.mp4"))
+    options = {"plan": plan, "seed": seed}
+    if skill is not None:
+        recorded = recording.record_skill(agent, skill, **options)
+    elif goal is not None:
+        recorded = recording.record_goal(agent, goal, steps=steps, **options)
+    else:
+        recorded = recording.record_exploration(agent, steps=steps, **options)
+    return video.write(recorded, env, out, width=size[0], height=size[1])

@@ -1,0 +1,100 @@
+"""Films show what was recorded: as long, as large and as lively; and take no other file's place."""
+
+from pathlib import Path
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+
+from everystate import cli, load, viewing
+from everystate.agent import Agent
+from everystate.errors import EverystateError
+from everystate.viewing import recording, video
+
+SIZE = (160, 120)
+
+
+@pytest.fixture(scope="module")
+def agent() -> Agent:
+    return load("ramp-pointmass")
+
+
+def test_a_recording_says_what_was_done_and_thought(agent: Agent) -> None:
+    recorded = recording.record_skill(agent, "climb", plan=False, seed=0)
+    assert recorded.title == "climb, by the policy: done"
+    assert recorded.states.shape == recorded.goals.shape == (121, 2)
+    assert recorded.distance[0] > 2
+    assert recorded.distance[-5:].max() < 0.5
+    np.testing.assert_allclose(
+        recorded.steps_to_goal[0],
+        agent.steps_to_goal(recorded.states[0], recorded.goals[0]),
+        rtol=1e-4,
+    )
+
+
+def test_exploring_goes_to_several_goals_of_its_own(agent: Agent) -> None:
+    recorded = recording.record_exploration(agent, steps=50, plan=False, seed=1)
+    assert len(np.unique(recorded.goals, axis=0)) == recording.EXPLORED
+    assert recorded.states.shape == (51, 2)
+    again = recording.record_exploration(agent, steps=50, plan=False, seed=1)
+    np.testing.assert_array_equal(recorded.states, again.states)
+
+
+def test_a_video_moves_in_real_time_and_says_what_v_thinks(tmp_path: Path) -> None:
+    path = viewing.render("ramp-pointmass", tmp_path / "a.mp4", skill="climb", size=SIZE)
+    with imageio.get_reader(path) as reader:
+        about = reader.get_meta_data()  # pyright: ignore
+        frames = np.stack([np.asarray(frame) for frame in reader]).astype(int)  # pyright: ignore
+    assert about["fps"] == pytest.approx(1 / 0.06, abs=0.01)
+    assert frames.shape == (121, 150, 160, 3)
+    picture, below = frames[:, :120], frames[:, 120:]
+    red = (picture[..., 0] > 150) & (picture[..., 1:].max(axis=-1) < 90)
+    at = [np.argwhere(one).mean(axis=0) for one in red[:25:6] if one.any()]
+    assert len(at) >= 3
+    assert np.abs(np.diff(at, axis=0)).max() > 3  # the ball has rolled
+    cursor = (below[..., 0] > 160) & (below[..., 2] < 60)
+    first, last = (np.argwhere(cursor[i])[:, 1].min() for i in (1, -1))
+    assert last - first > 40
+
+
+def test_a_gif_and_a_filmstrip(tmp_path: Path) -> None:
+    options = {"goal": (0.5, -0.5), "steps": 20, "size": SIZE}
+    gif = viewing.render("ramp-pointmass", tmp_path / "a.gif", **options)
+    frames = imageio.mimread(gif)
+    assert len(frames) == 21
+    assert frames[0].shape[:2] == (150, 160)
+    assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
+    strip = imageio.imread(viewing.render("ramp-pointmass", tmp_path / "a.png", **options))
+    assert strip.shape[0] > 300
+
+
+def test_nothing_is_overwritten_and_nothing_half_made_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, agent: Agent
+) -> None:
+    mine = tmp_path / "mine.mp4"
+    mine.write_text("mine")
+    with pytest.raises(EverystateError, match=r"mine\.mp4 is there already: remove it"):
+        viewing.render("ramp-pointmass", mine, steps=5)
+    env = recording.body_of(agent)
+    recorded = recording.record_goal(agent, (0.0, 0.0), steps=5, plan=False, seed=0)
+
+    def broken(*_: object) -> None:
+        raise EverystateError("no EGL")
+
+    monkeypatch.setattr(type(env), "render_states", broken)
+    with pytest.raises(EverystateError, match="no EGL"):
+        video.write(recorded, env, tmp_path / "other.mp4")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.mp4"]
+    assert mine.read_text() == "mine"
+
+
+def test_the_command_names_the_file_it_wrote(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    small = ["--steps", "6", "--size", "64", "48"]
+    assert cli.main(["render", "ramp-pointmass", "--goal", "0", "-0.5", *small]) == 0
+    assert capsys.readouterr().out == "ramp-pointmass-goal.mp4\n"
+    assert Path("ramp-pointmass-goal.mp4").stat().st_size > 500
+    assert cli.main(["render", "ramp-pointmass", "--goal", "0", "-0.5", *small]) == 2
+    assert "is there already" in capsys.readouterr().err
