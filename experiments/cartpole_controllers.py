@@ -1,6 +1,7 @@
 """Controllers written by hand for the cartpole, which know its equations as no agent does.
 
-They show where the body can be and stay: goal suites are made of what they visit. Angles are in rad from upright, turning to the right.
+They show where the body can be and stay: its goal suite is made of what they visit. Angles are in
+rad from upright, turning to the right.
 """
 
 from typing import NamedTuple

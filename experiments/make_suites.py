@@ -106,8 +106,8 @@ def ramp_pointmass(seed: int = 0) -> suites.Suite:
 CARTPOLE_NOTES = (
     "200 goals: 50 hanging and 50 upright, all at rest, evenly spread over 2.4 m of the rail, where"
     " an agent can stay; and 100 moving ones, states that controllers written by hand and random"
-    " actions led to, each the farthest from all before it, which it can only pass through: of these"
-    " look at `any`. Half of the starts are at rest and hanging, half in motion. sigma is the standard"
+    " actions led to, each the farthest from all before it, which it can only pass: read `any`."
+    " Half of the starts are at rest and hanging, half in motion. sigma is the standard"
     " deviation over the states visited."
 )
 

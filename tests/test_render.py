@@ -40,6 +40,7 @@ def test_exploring_goes_to_several_goals_of_its_own(agent: Agent) -> None:
     np.testing.assert_array_equal(recorded.states, again.states)
 
 
+@pytest.mark.filterwarnings("ignore:os.fork")  # ours are not heard; here the reader's
 def test_a_video_moves_in_real_time_and_says_what_v_thinks(tmp_path: Path) -> None:
     path = viewing.render("ramp-pointmass", tmp_path / "a.mp4", skill="climb", size=SIZE)
     with imageio.get_reader(path) as reader:

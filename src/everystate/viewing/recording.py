@@ -1,10 +1,10 @@
 """What an agent did on its way somewhere, and what it thought of it: the raw material of films."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32
-from numpy.typing import ArrayLike
 
 from everystate.agent import Agent, step_seed
 from everystate.envs import BodyVectorEnv, make, parse_options
@@ -53,7 +53,9 @@ def record_skill(agent: Agent, name: str, *, plan: bool, seed: int) -> Recording
     )
 
 
-def record_goal(agent: Agent, goal: ArrayLike, *, steps: int, plan: bool, seed: int) -> Recording:
+def record_goal(
+    agent: Agent, goal: Sequence[float], *, steps: int, plan: bool, seed: int
+) -> Recording:
     """From where the body begins to one goal, which it then tries to keep."""
     goals = np.tile(np.asarray(goal, dtype=np.float32), (steps, 1))
     return _recording(agent, "to a goal", *_sent(agent, goals, plan=plan, seed=seed))

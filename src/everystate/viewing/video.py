@@ -1,6 +1,7 @@
 """Videos and filmstrips of recordings, drawn from their states; nothing is simulated again."""
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -63,7 +64,9 @@ def write(
             imageio.mimwrite(part, frames, duration=1000 * every / rate, loop=0)  # pyright: ignore
         else:
             options = {"fps": rate, "macro_block_size": 2, "quality": 7}
-            with closing(imageio.get_writer(part, **options)) as writer:
+            with warnings.catch_warnings(), closing(imageio.get_writer(part, **options)) as writer:
+                # JAX warns of any fork; this one becomes ffmpeg before a line of Python runs.
+                warnings.filterwarnings("ignore", message=r"os\.fork\(\) was called")
                 for frame in _frames(recording, env, width, height):
                     writer.append_data(frame)
         os.link(part, path)  # unlike a renaming it does not take the place of another file
