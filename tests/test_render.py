@@ -47,7 +47,7 @@ def test_a_video_moves_in_real_time_and_says_what_v_thinks(tmp_path: Path) -> No
         about = reader.get_meta_data()  # pyright: ignore
         frames = np.stack([np.asarray(frame) for frame in reader]).astype(int)  # pyright: ignore
     assert about["fps"] == pytest.approx(1 / 0.06, abs=0.01)
-    assert frames.shape == (121, 150, 160, 3)
+    assert frames.shape == (121, 200, 160, 3)
     picture, below = frames[:, :120], frames[:, 120:]
     red = (picture[..., 0] > 150) & (picture[..., 1:].max(axis=-1) < 90)
     at = [np.argwhere(one).mean(axis=0) for one in red[:25:6] if one.any()]
@@ -63,7 +63,7 @@ def test_a_gif_and_a_filmstrip(tmp_path: Path) -> None:
     gif = viewing.render("ramp-pointmass", tmp_path / "a.gif", **options)
     frames = imageio.mimread(gif)
     assert len(frames) == 21
-    assert frames[0].shape[:2] == (150, 160)
+    assert frames[0].shape[:2] == (200, 160)
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
     strip = imageio.imread(viewing.render("ramp-pointmass", tmp_path / "a.png", **options))
     assert strip.shape[0] > 300
@@ -93,7 +93,7 @@ def test_the_command_names_the_file_it_wrote(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    small = ["--steps", "6", "--size", "64", "48"]
+    small = ["--steps", "6", "--size", "160", "120"]
     assert cli.main(["render", "ramp-pointmass", "--goal", "0", "-0.5", *small]) == 0
     assert capsys.readouterr().out == "ramp-pointmass-goal.mp4\n"
     assert Path("ramp-pointmass-goal.mp4").stat().st_size > 500

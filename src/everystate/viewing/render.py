@@ -40,8 +40,8 @@ def render(
         raise EverystateError("give one of --skill, --goal and --explore")
     if steps < 1:
         raise EverystateError(f"steps is {steps}: film at least 1")
-    if any(side < 32 or side % 2 for side in size):
-        raise EverystateError(f"size {size[0]} x {size[1]}: both even, and at least 32")
+    if size[0] < 160 or size[1] < 120 or size[0] % 2 or size[1] % 2:
+        raise EverystateError(f"size {size[0]} x {size[1]}: both even, and at least 160 x 120")
     agent = load(run)
     env = recording.body_of(agent)
     what = skill or ("goal" if goal is not None else "exploring")

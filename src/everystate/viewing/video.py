@@ -94,7 +94,7 @@ def _frames(
 ) -> Iterator[UInt8[np.ndarray, "rows width 3"]]:
     """Pictures with the strip below them, a cursor at the moment shown."""
     curves = {"steps to go, -V": recording.steps_to_goal, "distance, σ": recording.distance}
-    strip, cursors = plots.strip(curves, width, height // 4)
+    strip, cursors = plots.strip(curves, width, max(80, height // 8 * 2))
     for start in range(0, len(recording.states), _CHUNK):
         part = slice(start, start + _CHUNK)
         pictures = env.render_states(recording.states[part], recording.goals[part], width, height)
