@@ -47,8 +47,8 @@ def test_batch_and_single_act_alike(agent: Agent, plan: bool) -> None:
 
 
 def test_act_is_the_policy_at_its_centre(agent: Agent) -> None:
-    condition = jnp.asarray(np.concatenate([(x - CENTRE) / SPREAD for x in (STATES[1], GOALS[1])]))
-    expected = np.clip(decode(agent.models.policy(condition), jnp.zeros(2)), -1, 1)
+    state, goal = (jnp.asarray((x - CENTRE) / SPREAD) for x in (STATES[1], GOALS[1]))
+    expected = np.clip(decode(agent.models.policy(state, goal), jnp.zeros(2)), -1, 1)
     np.testing.assert_allclose(agent.act(STATES[1], GOALS[1]), expected, rtol=1e-4, atol=1e-6)
 
 

@@ -65,7 +65,7 @@ def test_the_papers_presets_have_the_numbers_of_appendix_b(name, body, h, k):
     assert config.reward_space == "latent"
     assert config.flow == "pldu"
     assert not config.flow_shift
-    assert not config.absorb_goal
+    assert (config.absorb, config.discount, config.approach_share) == (0, 1, 0)
     assert config.frequencies == 0
     assert config.sensor_noise == 0
     assert config.gradient_step == 1

@@ -20,7 +20,7 @@ NO_FLOOR = jnp.array(-jnp.inf)
 
 def configured(**fields: Any) -> Config:
     """A reward so wide that it is 0 everywhere, which leaves V_targ alone; and these fields."""
-    defaults = {"reward_space": "state", "k": 1e-6, "bound_value": False, "absorb_goal": False}
+    defaults = {"reward_space": "state", "k": 1e-6, "bound_value": False, "absorb": 0.0}
     for name, value in defaults.items():
         fields.setdefault(name, value)
     return preset("test", **fields)
@@ -30,7 +30,7 @@ def models(dynamics, policy=None):
     """Known dynamics, and a policy that is spread over and beyond the box of actions."""
     spread = Normal(jnp.zeros(2), jnp.full(2, 2.0))
     return SimpleNamespace(
-        state_flow=Normal(jnp.zeros(2)), dynamics=dynamics, policy=policy or (lambda _: spread)
+        state_flow=Normal(jnp.zeros(2)), dynamics=dynamics, policy=policy or (lambda *_: spread)
     )
 
 
@@ -166,7 +166,7 @@ def test_it_says_whether_the_policy_knew_the_best_action(monkeypatch):
     state, best = jnp.zeros(2), jnp.array([0.5, 0.5])
     config = configured(**FEW, gradient_step=0.0)
     for action, knew in ((best, 1), (-best, 0)):
-        known = models(linear(1e-4), lambda _, a=action: Normal(a, jnp.full(2, 1e-3)))
+        known = models(linear(1e-4), lambda *_, a=action: Normal(a, jnp.full(2, 1e-3)))
         result, _ = scored(monkeypatch, config, known, quadratic, state, B @ best, key=6)
         assert float(result.from_policy) == knew
         assert 0 < float(result.off_support) < 2

@@ -1,5 +1,7 @@
 """The three weighted buffers of Appendix A: what is drawn, how weights age, where goals lie."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -177,6 +179,28 @@ def test_hindsight_goals_are_the_same_body_some_steps_later(steps):
     assert np.all(ahead[newest] == 1)
 
 
+@pytest.mark.parametrize("steps", [5, 25, 40, 55, 95])
+def test_states_that_led_to_their_goals_are_the_same_body_some_steps_earlier(steps):
+    config = dataclasses.replace(CONFIG, approach_share=1.0, approach_steps=7)
+    replay = ring(steps)
+    minibatch = rb.sample(config, replay, CENTRES, key=jax.random.key(2))
+    states, goals = np.asarray(minibatch.states), np.asarray(minibatch.goals)
+    ago = goals[:, 1] - states[:, 1]
+    np.testing.assert_array_equal(goals[:, 0], states[:, 0])
+    assert set(ago) == set(range(min(7, steps - 1) + 1))
+    assert (ago == 0).mean() > (ago == min(7, steps - 1)).mean()
+    assert states[:, 1].min() >= max(1, steps - 39)  # Nothing earlier is in the ring.
+
+
+def test_approaches_are_the_stated_share_of_the_pairs():
+    config = dataclasses.replace(CONFIG, approach_share=0.5, approach_steps=1, batch_size=4000)
+    minibatch = rb.sample(config, ring(95), CENTRES, key=jax.random.key(6))
+    same = (minibatch.states[:, 0] == minibatch.goals[:, 0]) & (
+        jnp.abs(minibatch.states[:, 1] - minibatch.goals[:, 1]) < 2
+    )
+    assert float(same.mean()) == pytest.approx(0.5, abs=0.05)
+
+
 def test_the_simplest_hindsight_goal_is_the_next_state():
     config = preset("test", num_bodies=BODIES, capacity=400, batch_size=100, hindsight_steps=1)
     minibatch = rb.sample(config, ring(55), CENTRES, key=jax.random.key(3))
@@ -231,6 +255,7 @@ def test_visited_goals_are_drawn_by_their_weight_as_goals():
 def test_hindsight_does_not_cross_a_break():
     """A body that came to an end and started elsewhere reached nothing after it from before it."""
     config = preset("test", num_bodies=1, capacity=40, batch_size=32, hindsight_steps=10)
+    config = dataclasses.replace(config, approach_share=1.0, approach_steps=10)
     before = jnp.arange(20.0)[:, None]
     after = before + 1
     before = before.at[10:].add(100.0)  # from step 10 on elsewhere
@@ -243,3 +268,6 @@ def test_hindsight_does_not_cross_a_break():
     began, goal = minibatch.transitions.observations, minibatch.hindsight_goals
     np.testing.assert_array_equal(np.asarray(began > 50), np.asarray(goal > 50))
     assert float((goal - began).max()) > 5
+    led, goal = minibatch.states, minibatch.goals
+    np.testing.assert_array_equal(np.asarray(led > 50), np.asarray(goal > 50))
+    assert float((goal - led).max()) > 5

@@ -12,7 +12,7 @@ from everystate.learning.losses import value_loss
 from everystate.learning.models import Models
 from everystate.learning.networks import Value
 from everystate.learning.rewards import closeness
-from everystate.learning.value import backup
+from everystate.learning.value import backup, lowest, steps
 
 PLACES = 6
 
@@ -22,25 +22,41 @@ def test_backup_is_the_reward_plus_the_value():
         config = preset("test", **fields)
         return float(backup(config, jnp.array(near), jnp.array(value), jnp.array(floor)))
 
-    free = {"bound_value": False, "absorb_goal": False}
+    free = {"bound_value": False, "absorb": 0.0}
     assert target(0.0, -7.0, **free) == -8
     assert target(1.0, -7.0, **free) == -7
     assert target(0.25, -7.0, **free) == -7.75
     assert target(0.0, 100.0, -3.0, **free) == 99  # Nothing holds it, whatever the floor.
     assert target(0.0, -100.0, -3.0, **free) == -101
 
-    absorbing = {"bound_value": False, "absorb_goal": True}
+    absorbing = {"bound_value": False, "absorb": 1.0}
     assert target(0.0, -7.0, **absorbing) == -8
     assert target(1.0, -7.0, **absorbing) == 0
     assert target(0.25, -8.0, **absorbing) == -6.75
 
-    for absorb in (False, True):
-        bounded = {"bound_value": True, "absorb_goal": absorb}
+    for absorb in (0.0, 0.5, 1.0):
+        bounded = {"bound_value": True, "absorb": absorb}
         assert target(0.0, -2.5, -3.0, **bounded) == -3.5
         for near in (0.0, 0.5, 1.0):
             for value in (-1e9, -1.0, 1e9):
                 assert -4 <= target(near, value, -3.0, **bounded) <= 0
         assert target(1.0, 1e9, -3.0, **bounded) == 0
+
+
+def test_a_discounted_backup_has_a_least_value_and_stands_for_steps():
+    config = preset("test", discount=0.9, absorb=0.5)
+    target = backup(config, jnp.array(0.5), jnp.array(-4.0), jnp.array(-9.0))
+    assert float(target) == pytest.approx(-0.5 - 0.9 * 0.75 * 4)
+    least, value = [], 0.0
+    for copies in range(30):
+        least.append(float(lowest(config, jnp.array(copies))))
+        assert least[-1] == pytest.approx(value, abs=1e-5)
+        value = float(backup(config, jnp.array(0.0), jnp.array(value), jnp.array(value)))
+    np.testing.assert_allclose(steps(config, jnp.array(least)), np.arange(30.0), atol=1e-3)
+    assert np.isfinite(steps(config, jnp.array([-11.0, 0.5]))).all()
+    undiscounted = preset("test")
+    assert float(lowest(undiscounted, jnp.array(7))) == -7
+    assert float(steps(undiscounted, jnp.array([-7.0]))[0]) == 7
 
 
 def test_closeness_is_one_at_the_goal_and_falls_with_k():
@@ -65,7 +81,7 @@ def trained(config, copies, updates):
 
     The chain: one place to the left, to the right, or none, with walls at both ends.
     """
-    value = Value(1, width=16, depth=2, frequencies=3, key=jax.random.key(0))
+    value = Value(1, relative=True, width=16, depth=2, frequencies=3, key=jax.random.key(0))
     models = only(value)
     states, goals = (x.ravel() for x in jnp.meshgrid(jnp.arange(6.0), jnp.arange(6.0)))
     adam = optax.adam(config.learning_rate)
@@ -110,7 +126,7 @@ def test_the_value_converges_to_the_known_step_counts(stabilised):
     config = preset(
         "test",
         bound_value=stabilised,
-        absorb_goal=stabilised,
+        absorb=float(stabilised),
         k=30.0,
         learning_rate=3e-3,
     )

@@ -25,6 +25,7 @@ from everystate.learning.models import Models, Scale, new_models, new_optimisers
 from everystate.learning.networks import Value
 from everystate.learning.policy import improve
 from everystate.learning.replay import Transitions
+from everystate.learning.value import lowest
 
 Metrics = dict[str, Float[Array, "*updates"]]
 
@@ -99,7 +100,7 @@ def act(
     episodes = ep.restart(episodes, over, goals, jax.vmap(models.value)(states, goals))
 
     def sample(s: Array, g: Array, key: PRNGKeyArray) -> Float[Array, " a"]:
-        policy = models.policy(jnp.concatenate([s, g]))
+        policy = models.policy(s, g)
         return jnp.clip(decode(policy, jax.random.normal(key, policy.shape)), -1, 1)
 
     keys = jax.random.split(named(key, "actions"), config.num_bodies)
@@ -172,7 +173,7 @@ def update_once(
     starts = jnp.where(use[:, None], proposed, states)
 
     # a_best and v_targ for each (s, g), in blocks that fit the cache.
-    floor = -state.copies.astype(jnp.float32)  # No value can be lower [D4].
+    floor = lowest(config, state.copies)
     keys = jax.random.split(named(key, "improve"), config.batch_size)
     improvement = jax.lax.map(
         lambda x: improve(config, models, state.target_value, x[0], x[1], floor, key=x[2]),

@@ -77,11 +77,18 @@ class Config:
     weight_clip: float = math.inf
     """Log-weights are clipped to this many nats around the buffer's median [D1]."""
 
+    approach_share: float = 0.0
+    """Share of the pairs (s, g) in which s led to g, rather than drawn on its own [D19]."""
+    approach_steps: int = 64
+    """How many steps before g such an s lies, at most."""
+
     # --- Value (4.3) ---
     bound_value: bool = True
     """V_targ is held below 0, and targets are clipped to [-(copies + 1), 0] [D4]."""
-    absorb_goal: bool = False
-    """Reaching ends the count: r + (1 - exp(-k |dz|^2)) V_targ instead of r + V_targ [D10]."""
+    discount: float = 1.0
+    """Weight of V_targ beside r; at 1 (paper) V counts steps without a horizon [D18]."""
+    absorb: float = 0.0
+    """Chance that reaching the goal ends the count: 0 is r + V_targ, 1 V(g,g) = 0 [D10]."""
     goal_value_weight: float = 1.0
     """Weight of V(g,g)^2 beside (V - v_targ)^2."""
 
@@ -118,6 +125,8 @@ class Config:
     """Units per hidden layer."""
     frequencies: int = 0
     """Octaves of sines and cosines that join every MLP's inputs; the paper has none [D13]."""
+    relative_goals: bool = False
+    """V and pi see g - s in the place of g [D20]."""
     flow: FlowFamily = "pldu"
     """Family of the four flows: the paper's, or one of FlowJAX's."""
     state_layers: int = 20
@@ -201,6 +210,10 @@ _RANGES: dict[str, tuple[float, float]] = {
     "half_life": (1e-3, 1e9),
     "weight_temper": (0, 1),
     "weight_clip": (0, math.inf),
+    "approach_share": (0, 1),
+    "approach_steps": (1, 10_000),
+    "discount": (0, 1),
+    "absorb": (0, 1),
     "goal_value_weight": (0, 1e3),
     "num_bodies": (1, 100_000),
     "steps_per_epoch": (1, 100_000),
@@ -268,7 +281,7 @@ _QUICK = {
     "flow_shift": True,
     "frequencies": 3,
     "target_period": 20,
-    "absorb_goal": True,
+    "absorb": 1.0,
     "p_curric": 0.2,
     "learning_rate": 2e-3,
     "cooldown": 0.4,

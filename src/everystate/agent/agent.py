@@ -25,6 +25,7 @@ from everystate.learning.flows import decode
 from everystate.learning.goals import imagined, least_likely
 from everystate.learning.planning import Planning
 from everystate.learning.planning import plan as search
+from everystate.learning.value import steps
 
 SHIPPED = Path(__file__).parents[1] / "agents"
 
@@ -84,13 +85,14 @@ class Agent:
         return goals * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
 
     def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
-        """About how many control steps each state is from its goal: -V(s, g) (4.2).
+        """About how many control steps each state is from its goal: -V(s, g) (4.2) [D18].
 
         The reward is that of the state arrived at, so the step onto the goal costs nothing: from
         afar the true value is one step less than the distance.
         """
         states, goals, single = self._pairs(observation, goal)
-        return _returned(-_values(self.models, states, goals), single)
+        values = _values(self.models, states, goals)
+        return _returned(steps(self.config, values), single)
 
     def log_density(self, state: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """log p_f(s): how much of its life the agent has lately spent around each state.
@@ -158,7 +160,7 @@ def _act(
     models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
 ) -> Float[Array, "n a"]:
     def central(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
-        policy = models.policy(jnp.concatenate([state, goal]))
+        policy = models.policy(state, goal)
         return jnp.clip(decode(policy, jnp.zeros(policy.shape)), -1, 1)
 
     return jax.vmap(central)(states, goals)

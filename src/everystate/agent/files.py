@@ -23,7 +23,7 @@ from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError
 
-FORMAT = 1
+FORMAT = 2
 
 
 class BodyInfo(NamedTuple):

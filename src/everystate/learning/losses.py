@@ -86,7 +86,7 @@ def policy_loss(
     """Minus the mean log pi(a|s, g)."""
 
     def log_prob(s: Array, g: Array, a: Array) -> Float[Array, ""]:
-        return models.policy(jnp.concatenate([s, g])).log_prob(a)
+        return models.policy(s, g).log_prob(a)
 
     return -jax.vmap(log_prob)(states, goals, actions).mean()
 

@@ -18,6 +18,7 @@ from everystate.learning.flows import (
 )
 from everystate.learning.keys import named
 from everystate.learning.networks import Value
+from everystate.learning.policy import Policy
 
 
 class Models(NamedTuple):
@@ -25,7 +26,7 @@ class Models(NamedTuple):
 
     state_flow: AbstractTransformed
     dynamics: Dynamics
-    policy: ConditionalFlow | FlowJAXConditionalFlow
+    policy: Policy
     curriculum: ConditionalFlow | FlowJAXConditionalFlow
     value: Value
 
@@ -79,9 +80,12 @@ def new_models(
             key=named(key, "f"),
         ),
         dynamics=Dynamics(d, change_scale),
-        policy=conditional("pi", action_size, 2 * state_size, config.policy_layers),
+        policy=Policy(
+            conditional("pi", action_size, 2 * state_size, config.policy_layers),
+            config.relative_goals,
+        ),
         curriculum=conditional("c", state_size, state_size, config.curriculum_layers),
-        value=Value(state_size, key=named(key, "V"), **network),
+        value=Value(state_size, relative=config.relative_goals, key=named(key, "V"), **network),
     )
 
 

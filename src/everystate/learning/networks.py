@@ -54,11 +54,20 @@ class Value(eqx.Module):
     """V(s, g): about minus the number of steps from s to g (4.2, 4.3)."""
 
     network: Network
+    relative: bool = eqx.field(static=True)
 
-    def __init__(self, state_size: int, *, key: PRNGKeyArray, **network: int) -> None:
-        """An untrained value of states and goals with `state_size` components."""
+    def __init__(
+        self, state_size: int, *, relative: bool, key: PRNGKeyArray, **network: int
+    ) -> None:
+        """An untrained value of states and goals with `state_size` components.
+
+        If it is `relative` it sees g - s in the place of g, whose waves then tell how near s is to
+        any goal alike [D20].
+        """
         self.network = Network(2 * state_size, 1, key=key, **network)
+        self.relative = relative
 
     def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         """V of one state and one goal, both scaled, in steps."""
-        return self.network(jnp.concatenate([state, goal]))[0]
+        seen = goal - state if self.relative else goal
+        return self.network(jnp.concatenate([state, seen]))[0]

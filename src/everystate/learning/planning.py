@@ -12,7 +12,6 @@ from everystate.errors import EverystateError
 from everystate.learning.flows import decode
 from everystate.learning.policy import score
 from everystate.learning.rewards import closeness, place
-from everystate.learning.value import backup
 
 _LEAST_SPREAD = 0.05  # of refined actions, so that equal elites do not end the search
 
@@ -21,7 +20,7 @@ _LEAST_SPREAD = 0.05  # of refined actions, so that equal elites do not end the 
 class Planning:
     """How much thought an action is worth; `horizon=1, rounds=1` is one step of lookahead."""
 
-    horizon: int = 4
+    horizon: int = 8
     """Steps looked ahead; V judges where they end."""
     candidates: int = 32
     """Sequences of actions per round."""
@@ -57,8 +56,9 @@ def plan(
 
     Half of the first round's sequences follow the policy through the learned dynamics, one of them
     at z = 0; half are uniformly random. Later rounds refine them by the cross-entropy method
-    (Rubinstein 1999). A sequence is worth the worst of its imagined returns (eq. 3): eq. 2 along
-    the way, V at the end. All sequences share the same noises.
+    (Rubinstein 1999). A sequence is worth the worst of its imagined returns (eq. 3): the rewards
+    on the way and V at its end. Reaching ends no count here [D10]: once at the goal one stays, if
+    one can. All sequences share the same noises.
     """
     key_noise, key_policy, key_random, *keys = jax.random.split(key, 2 + planning.rounds)
     place_goal = place(config, models.state_flow, goal)
@@ -68,7 +68,7 @@ def plan(
         """What the policy would do where the dynamics, without noise, say that it leads."""
 
         def one(s: Array, latent: Array) -> tuple[Array, Array]:
-            policy = models.policy(jnp.concatenate([s, goal]))
+            policy = models.policy(s, goal)
             action = jnp.clip(decode(policy, latent), -1, 1)
             return decode(models.dynamics(s, action), jnp.zeros_like(s)), action
 
@@ -84,12 +84,12 @@ def plan(
             last, near = jax.lax.scan(one, state, (actions, noise))
             total = models.value(last, goal)
             for step in reversed(range(planning.horizon)):
-                total = backup(config, near[step], total, jnp.float32(-jnp.inf))
+                total = near[step] - 1 + config.discount * total
             return total
 
         return score(config, jax.vmap(outcome)(noises))
 
-    shape = models.policy(jnp.concatenate([state, goal])).shape
+    shape = models.policy(state, goal).shape
     half = planning.candidates // 2
     latents = jax.random.normal(key_policy, (half, planning.horizon, *shape)).at[0].set(0.0)
     wild_shape = (planning.candidates - half, planning.horizon, *shape)

@@ -3,15 +3,28 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
-from everystate.learning.flows import decode
+from everystate.learning.flows import ConditionalFlow, FlowJAXConditionalFlow, decode
 from everystate.learning.rewards import closeness, place
 from everystate.learning.value import backup
+
+
+class Policy(eqx.Module):
+    """pi(a|s, g): a conditional flow of both."""
+
+    flow: ConditionalFlow | FlowJAXConditionalFlow
+    relative: bool = eqx.field(static=True)
+    """Sees g - s in the place of g [D20]."""
+
+    def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> AbstractTransformed:
+        """The distribution of actions for one state and one goal, both scaled."""
+        return self.flow(jnp.concatenate([state, goal - state if self.relative else goal]))
 
 
 class Improvement(NamedTuple):
@@ -76,7 +89,7 @@ def improve(
     def outcome(action: Float[Array, " a"], latent: Float[Array, " s"]) -> Float[Array, ""]:
         return imagined(models.dynamics(state, action), latent, jnp.zeros_like(state))[0]
 
-    policy = models.policy(jnp.concatenate([state, goal]))
+    policy = models.policy(state, goal)
     latents = jax.random.normal(key_policy, (config.j, *policy.shape))
     from_policy = jnp.clip(jax.vmap(lambda z: decode(policy, z))(latents), -1, 1)
     at_random = jax.random.uniform(key_random, from_policy.shape, minval=-1, maxval=1)

@@ -157,6 +157,9 @@ def sample(
     )
     ahead = jnp.minimum(ahead, jnp.minimum(newer, unbroken))
     later = (slots + ahead * config.num_bodies) % replay.capacity
+    if config.approach_share:
+        led = jax.random.bernoulli(named(key, "led"), config.approach_share, goals.shape)
+        states = jnp.where(led, approaching(config, replay, goals, key=named(key, "ago")), states)
     return Minibatch(
         states=reached[states],
         goals=reached[goals],
@@ -165,6 +168,26 @@ def sample(
         goal_slots=goals,
         transition_slots=slots,
     )
+
+
+def approaching(
+    config: Config, replay: Replay, slots: Int[Array, " batch"], *, key: PRNGKeyArray
+) -> Int[Array, " batch"]:
+    """Slots of the same bodies up to `approach_steps` earlier; few steps are likelier than many.
+
+    How many is log-uniform, 0 among them, but not beyond the oldest item or an end between.
+    """
+    began, reached = replay.transitions.observations, replay.transitions.next_observations
+    chance = jax.random.uniform(key, slots.shape)
+    wanted = jnp.exp(chance * math.log(config.approach_steps + 2)).astype(jnp.int32) - 1
+    oldest = jnp.where(replay.size == replay.capacity, replay.position, 0)
+    older = (slots - oldest) % replay.capacity // config.num_bodies
+    steps = jnp.arange(config.approach_steps + 1, dtype=jnp.int32)
+    chain = (slots[:, None] - steps[None, :] * config.num_bodies) % replay.capacity
+    joined = (reached[chain[:, 1:]] == began[chain[:, :-1]]).all(axis=-1)
+    unbroken = joined.cumprod(axis=1, dtype=jnp.int32).sum(axis=1)
+    back = jnp.minimum(wanted, jnp.minimum(older, unbroken))
+    return (slots - back * config.num_bodies) % replay.capacity
 
 
 def refresh(

@@ -1,7 +1,7 @@
-"""Targets of the undiscounted value (4.3, eq. 2)."""
+"""Targets of the value (4.3, eq. 2), and the steps that a value stands for."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from everystate.config import Config
 
@@ -14,8 +14,24 @@ def backup(
     `bound_value` holds V_targ within [floor, 0], the values it can truly have [D4]. It does so
     here rather than in the network: an output through softplus, once at 0, stayed there.
 
-    With `absorb_goal`, V_targ counts only for the share of s' that has not reached g: eq. 2's
-    V(s, s) = 0 in proportion to the reward's partial credit [D10].
+    With `absorb`, V_targ counts only for the share of s' that has not reached g, or gone on from
+    it: eq. 2's V(s, s) = 0 in proportion to the reward's partial credit [D10]. `discount` [D18].
     """
     value = jnp.clip(value, floor, 0) if config.bound_value else value
-    return near - 1 + ((1 - near) * value if config.absorb_goal else value)
+    return near - 1 + config.discount * (1 - config.absorb * near) * value
+
+
+def lowest(config: Config, copies: Int[Array, ""]) -> Float[Array, ""]:
+    """The least that V_targ can truly be after so many copies: -1 at each of as many steps [D4]."""
+    count = copies.astype(jnp.float32)
+    if config.discount == 1:
+        return -count
+    return (config.discount**count - 1) / (1 - config.discount)
+
+
+def steps(config: Config, value: Float[Array, " n"]) -> Float[Array, " n"]:
+    """How many steps of -1 amount to each value: about as many as there are to the goal."""
+    if config.discount == 1:
+        return -value
+    left = jnp.maximum(1 + (1 - config.discount) * value, 1e-3)  # V can err below its limit
+    return jnp.log(left) / jnp.log(config.discount)
