@@ -12,6 +12,7 @@ from pathlib import Path
 
 import everystate
 from everystate import evaluation
+from everystate.skills import SKILLS
 
 AGENTS = Path(__file__).resolve().parent.parent / "src" / "everystate" / "agents"
 
@@ -21,15 +22,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("name")
+    parser.add_argument("--evaluation", type=Path, help="a result of `evaluate --skills --json`")
     options = parser.parse_args()
     agent = everystate.load(options.run)
-    result = evaluation.evaluate(options.run)
+    if options.evaluation:
+        result = json.loads(options.evaluation.read_text())
+    else:
+        result = evaluation.evaluate(options.run, skills=agent.config.body in SKILLS)
     config = json.loads((options.run / "config.json").read_text())
     scores = {
         "command": f"everystate train {agent.config.body} --seed {agent.config.seed}",
         "trained_with": config.get("versions", {}),
         "success": result["success"],
         "success_plan": result["success_plan"],
+        "skills": result["skills"],
+        "skills_plan": result["skills_plan"],
         "falls_per_1000_steps": result["falls_per_1000_steps"],
         "calibration": result["calibration"],
     }

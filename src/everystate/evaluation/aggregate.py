@@ -59,7 +59,8 @@ def over_seeds(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     if len(set(seeds)) < len(seeds):
         raise EverystateError(f"training seeds are {sorted(seeds)}: each may occur only once")
     measured = (
-        *("success", "success_plan", "position_only", "falls_per_1000_steps"),
+        *("success", "success_plan", "skills", "skills_plan", "position_only"),
+        "falls_per_1000_steps",
         *("falls_by_region", "calibration", "coverage"),
     )
     combined: dict[str, Any] = {"body": bodies.pop(), "seeds": seeds}

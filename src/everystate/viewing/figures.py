@@ -92,6 +92,44 @@ def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "step
     return figure
 
 
+@styled
+def skill_rates(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
+    """How often each named skill succeeded with planning: settings by skills, median over seeds.
+
+    Args:
+        groups: label -> folders with an `evaluation.json` that has skills; others are left out.
+    """
+    rates = {label: [_skills(Path(f)) for f in folders] for label, folders in groups.items()}
+    rates = {label: [r for r in found if r] for label, found in rates.items()}
+    rates = {label: found for label, found in rates.items() if found}
+    if not rates:
+        raise EverystateError("no evaluation.json with skills: run `everystate evaluate --skills`")
+    names = list(next(iter(rates.values()))[0])
+    table = np.array(
+        [[np.median([r[n] for r in found]) for n in names] for found in rates.values()]
+    )
+    figure = Figure(figsize=(WIDTH, 0.9 + 0.27 * len(rates)))
+    ax = figure.subplots()
+    ax.imshow(table, cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
+    for (row, column), rate in np.ndenumerate(table):
+        ax.text(column, row, f"{100 * rate:.0f}", ha="center", va="center", fontsize=8)
+    seeds = [
+        f"{label} ({len(found)})" if len(found) > 1 else label for label, found in rates.items()
+    ]
+    ax.set_yticks(range(len(rates)), seeds)
+    ax.set_xticks(range(len(names)), names, rotation=20, ha="right")
+    ax.grid(visible=False)
+    ax.set_title("starts from which each skill succeeded, with planning, in per cent")
+    return figure
+
+
+def _skills(folder: Path) -> dict[str, float]:
+    """Success rates of the named skills with planning; empty without."""
+    path = folder / "evaluation.json"
+    result: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    return result.get("skills_plan") or {}
+
+
 def _read(folder: Path) -> dict[str, Float[np.ndarray, " epochs"]]:
     found = columns(read_metrics(folder))
     if "epoch" not in found:

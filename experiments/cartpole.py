@@ -1,0 +1,40 @@
+"""Trains and evaluates several seeds on the cartpole, and what it is without each of its settings.
+
+    python experiments/cartpole.py
+
+`seeds.py` says where everything goes. The figures are `success.png` and `skills.png`. All settings
+but `quick` are one seed of 160 epochs, to be compared with `short`.
+"""
+
+from pathlib import Path
+
+import seeds
+
+from everystate.viewing.figures import comparison, skill_rates
+
+_SHORT = "--preset quick --epochs 160"
+SETTINGS: dict[str, tuple[str, int]] = {
+    "quick": ("--preset quick", 5),
+    "short": (_SHORT, 1),
+    "imagined-goals": (f"{_SHORT} --goals imagined --m 20", 1),  # D17
+    "undiscounted": (f"{_SHORT} --discount 1", 1),  # D18
+    "no-approaches": (f"{_SHORT} --approach-share 0", 1),  # D19
+    "absolute-goals": (f"{_SHORT} --no-relative-goals", 1),  # D20
+    "never-absorbed": (f"{_SHORT} --absorb 0", 1),  # D10
+    "always-absorbed": (f"{_SHORT} --absorb 1", 1),
+    "latent-reward": (f"{_SHORT} --reward-space latent", 1),  # D9
+    "wide-weights": (f"{_SHORT} --weight-clip 8", 1),  # D1
+    "few-candidates": (f"{_SHORT} --j 1 --N 8", 1),
+}
+
+
+def draw(folders: dict[str, list[Path]]) -> None:
+    """Success over training, and the skills at its end."""
+    results = seeds.results_of("cartpole")
+    comparison({"quick": folders["quick"]}).savefig(results / "success.png", dpi=150)
+    skill_rates(folders).savefig(results / "skills.png", dpi=150)
+
+
+if __name__ == "__main__":
+    description = str(__doc__).splitlines()[0]
+    seeds.main("cartpole", SETTINGS, draw, description=description, skills=True)

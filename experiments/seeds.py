@@ -1,0 +1,117 @@
+"""Several seeds of one body: trains and evaluates each on a core of its own and keeps raw results.
+
+Runs go to `runs/experiments/BODY/SETTING-seedN` and resume when the command is given again. What
+figures need of them is copied to `results/BODY/SETTING/seedN`: `config.json`, `metrics.jsonl` and
+`evaluation.json`; medians and intervals over seeds are in `results/BODY/summary.json`.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import Queue
+
+HERE = Path(__file__).resolve().parent.parent
+Settings = Mapping[str, tuple[str, int]]
+"""Options of `everystate train` and the number of seeds, by the name of the setting."""
+
+
+def results_of(body: str) -> Path:
+    """Where the raw results of a body are kept."""
+    return HERE / "results" / body
+
+
+def run_of(body: str, setting: str, seed: int) -> Path:
+    """The folder of one run."""
+    return HERE / "runs" / "experiments" / body / f"{setting}-seed{seed}"
+
+
+def train_and_evaluate(
+    body: str, setting: str, options: Sequence[str], seed: int, core: int, *, skills: bool
+) -> None:
+    """One seed: train (or go on), evaluate, copy what is worth keeping."""
+    folder, kept = run_of(body, setting, seed), results_of(body) / setting / f"seed{seed}"
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    kept.mkdir(parents=True, exist_ok=True)
+
+    def call(*words: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "everystate", *words],
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=HERE,
+            preexec_fn=lambda: os.sched_setaffinity(0, {core}),
+        )
+        if done.returncode:
+            print(f"{setting} seed {seed}: `{' '.join(words)}` ended with {done.returncode}")
+        return done.stdout
+
+    run = str(folder.relative_to(HERE))
+    period = ["--evaluation-period", "20"]
+    call("train", body, *options, "--seed", str(seed), *period, "--quiet", "--run-dir", run)
+    result = call("evaluate", run, "--json", *(["--skills"] if skills else [])).splitlines()
+    if result:
+        (kept / "evaluation.json").write_text(json.dumps(json.loads(result[-1]), indent=1) + "\n")
+    for name in ("config.json", "metrics.jsonl"):
+        shutil.copy(folder / name, kept / name)
+    print(f"{setting} seed {seed}: in {kept.relative_to(HERE)}", flush=True)
+
+
+def summarise(body: str, settings: Settings) -> dict[str, list[Path]]:
+    """Writes summary.json; returns the folders of the seeds there are, by setting."""
+    from everystate.evaluation.aggregate import over_seeds
+
+    results = results_of(body)
+    folders = {name: sorted((results / name).glob("seed*")) for name in settings}
+    folders = {name: found for name, found in folders.items() if found}
+    summaries = {}
+    for name, found in folders.items():
+        files = [folder / "evaluation.json" for folder in found]
+        read = [json.loads(file.read_text()) for file in files if file.exists()]
+        if read:
+            summaries[name] = over_seeds(read)
+    (results / "summary.json").write_text(json.dumps(summaries, indent=1) + "\n")
+    return folders
+
+
+def main(
+    body: str,
+    settings: Settings,
+    draw: Callable[[dict[str, list[Path]]], None],
+    *,
+    description: str,
+    skills: bool = False,
+) -> None:
+    """Every setting and seed asked for, one per core at a time; then the summary and figures."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--settings", nargs="+", default=list(settings), choices=settings)
+    parser.add_argument("--seeds", nargs="+", type=int, help="instead of all of each setting")
+    parser.add_argument("--summary-only", action="store_true")
+    options, extra = parser.parse_known_args()
+    cores: Queue[int] = Queue()
+    for core in sorted(os.sched_getaffinity(0)):
+        cores.put(core)
+
+    def job(setting: str, seed: int) -> None:
+        core = cores.get()
+        try:
+            words = [*settings[setting][0].split(), *extra]
+            train_and_evaluate(body, setting, words, seed, core, skills=skills)
+        finally:
+            cores.put(core)
+
+    if not options.summary_only:
+        with ThreadPoolExecutor(cores.qsize()) as pool:
+            waiting = [
+                pool.submit(job, setting, seed)
+                for setting in options.settings
+                for seed in options.seeds or range(settings[setting][1])
+            ]
+            for future in waiting:
+                future.result()
+    draw(summarise(body, settings))
