@@ -1,6 +1,6 @@
 # Everything a developer types. `make` alone explains itself.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check bench docs clean
+.PHONY: help setup demo test test-slow test-browser check bench docs clean
 
 # The first Python 3.11 with its venv module; name another with `make PYTHON=...`.
 PYTHON ?= $(shell for p in python3.11 python3 python; do \
@@ -16,7 +16,7 @@ TESTS ?= tests
 PYTEST_ARGS ?= -n auto --maxprocesses=4
 
 help:  ## explain the targets (what `make` alone does)
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
 setup: $(STAMP)  ## create .venv with the pinned requirements and this package, editable
 
@@ -36,6 +36,9 @@ test: setup  ## run the fast tests (TESTS=tests/test_x.py and PYTEST_ARGS narrow
 
 test-slow: setup  ## run the tests that take more than seconds
 	$(BIN)/python -m pytest -m "slow and not browser" $(PYTEST_ARGS) $(TESTS)
+
+test-browser: setup  ## run the tests of the studio that need Chromium (Debian: apt-get install chromium)
+	$(BIN)/python -m pytest -m browser $(TESTS)
 
 check: export PYRIGHT_PYTHON_GLOBAL_NODE = 0
 check: export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1

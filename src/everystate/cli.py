@@ -4,6 +4,7 @@
   evaluate RUN   measure what it can reach [--json]
   report RUN     draw a page of pictures of a run
   render RUN     film an agent performing a skill, going to a goal or exploring
+  studio RUN     watch an agent in the browser and send it about
   demo           all three on the Ramp Pointmass, in minutes
   bodies [BODY]  list the bodies and their states, or describe any other
   skills [BODY]  list the named skills, for `evaluate --skills` and `agent.perform`
@@ -95,6 +96,18 @@ class Render:
     """Width and height of a frame, in pixels."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Studio:
+    """Serves a page on this machine where one watches an agent live and sends it about."""
+
+    run: tyro.conf.Positional[Path] = Path("cartpole")
+    """Run folder, also one still training, exported agent, or one that comes with everystate."""
+    port: int = 8080
+    """Port of the page, on 127.0.0.1; 0 takes any that is free."""
+    seed: int = 0
+    """Of where the body starts, its noise, and what surprises it."""
+
+
 def train(argv: list[str], command: str = "train", run_dir: Path | None = None) -> Path:
     """Train an agent, or go on; returns the folder of the run."""
     named = bool(argv) and not argv[0].startswith("-")
@@ -163,6 +176,14 @@ def render(argv: list[str]) -> None:
     )
 
 
+def studio(argv: list[str]) -> None:
+    """Serve the page of an agent."""
+    options = _parse(Studio, "studio", argv)
+    from everystate.viewing.studio import studio
+
+    studio(options.run, port=options.port, seed=options.seed)
+
+
 def demo(argv: list[str]) -> None:
     """Train, evaluate and report on the Ramp Pointmass."""
     run_dir = train(["ramp-pointmass", *argv], "demo", Path("runs/ramp-pointmass-demo"))
@@ -197,7 +218,7 @@ def skills(argv: list[str]) -> None:
             print(f"  {name}: {skill.text}")
 
 
-COMMANDS = {f.__name__: f for f in (train, evaluate, report, render, demo, bodies, skills)}
+COMMANDS = {f.__name__: f for f in (train, evaluate, report, render, studio, demo, bodies, skills)}
 
 
 def main(argv: list[str] | None = None) -> int:

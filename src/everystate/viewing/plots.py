@@ -15,6 +15,7 @@ from cycler import cycler
 from jaxtyping import Float, Int, UInt8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -219,3 +220,25 @@ def strip(
     at = [ax.transData.transform(points)[:, 0] for ax in figure.axes]
     pixels = np.asarray(canvas.buffer_rgba())[..., :3]
     return pixels.copy(), np.clip(np.stack(at, axis=1).round().astype(int), 0, width - 1)
+
+
+def value_image(
+    agent: Any,
+    low: Float[np.ndarray, " 2"],
+    high: Float[np.ndarray, " 2"],
+    goal: Float[np.ndarray, " 2"],
+    *,
+    pixels: int = 200,
+) -> UInt8[np.ndarray, "pixels pixels 3"]:
+    """V of every place of a flat world, light where the goal is near; and goals it proposes."""
+    cells = pixels // 4
+    axes = [np.linspace(a, b, cells, dtype=np.float32) for a, b in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    steps = np.asarray(agent.steps_to_goal(places, goal)).reshape(cells, cells)
+    shade = 1 - steps / max(float(steps.max()), 1.0)
+    picture = (mpl.colormaps["viridis"](shade.repeat(4, axis=0).repeat(4, axis=1))[..., :3]) * 255
+    for colour, size, marks in ((ORANGE, 2, agent.propose_goals(40)), (RED, 5, goal[None])):
+        rgb = 255 * np.array(to_rgb(colour))
+        for x, y in ((marks - low) / (high - low) * pixels).astype(int):
+            picture[max(y - size, 0) : max(y + size, 0), max(x - size, 0) : max(x + size, 0)] = rgb
+    return picture[::-1].astype(np.uint8)

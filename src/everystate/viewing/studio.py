@@ -1,0 +1,233 @@
+"""A page on this machine where one watches an agent and sends it about: `everystate studio`."""
+
+import contextlib
+import io
+import queue
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+from jaxtyping import Float
+from viser import uplot
+
+from everystate.agent import load
+from everystate.envs import MujocoVectorEnv
+from everystate.errors import EverystateError
+from everystate.skills import SKILLS
+from everystate.viewing import plots
+from everystate.viewing.stage import Stage
+from everystate.viewing.world import MASSES, Reading, World
+
+HOST = "127.0.0.1"  # nobody else may steer the agent; from afar: ssh -L 8080:127.0.0.1:8080
+SHOWN = 250
+"""Control steps in the plots."""
+_PLOT_PERIOD = 0.25  # seconds between updates of the plots
+_FOLLOW_PERIOD = 5.0  # seconds between looks for a newer checkpoint of the run
+_PLOTS = {
+    "steps to go, -V": "steps_to_goal",
+    "distance, σ": "distance",
+    "log density": "log_density",
+}
+
+
+class Studio:
+    """A live body and the page that shows it; what is pressed there is done between two steps."""
+
+    def __init__(self, run: Path | str, *, port: int = 8080, seed: int = 0) -> None:
+        """Loads the agent, serves the page and begins to live.
+
+        Args:
+            run: run folder, also one that is still training, exported agent, or a shipped one.
+            port: of the page, on this machine only; 0 takes any that is free.
+            seed: of where the body starts, its noise, and what surprises it.
+
+        Raises:
+            EverystateError: no agent there, a body that cannot be drawn, or a port in use.
+        """
+        self.run = Path(run)
+        self.world = World(load(run), seed)
+        env = self.world.env
+        if not isinstance(env, MujocoVectorEnv):
+            raise EverystateError(f"{env.name} has no model that a browser can draw")
+        with contextlib.redirect_stdout(io.StringIO()):  # its banner, which names it and not us
+            self._server = viser.ViserServer(HOST, _free(port), label="Everystate", verbose=False)
+        self.address = f"http://{HOST}:{self._server.get_port()}"
+        self._stage = Stage(self._server, env.body)
+        self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._readings: deque[Reading] = deque(maxlen=SHOWN)
+        self._stopped = threading.Event()
+        self._page(env)
+        self._live = threading.Thread(target=self._run, name="studio", daemon=True)
+        self._live.start()
+
+    def close(self) -> None:
+        """Ends the body's life and the page."""
+        self._stopped.set()
+        self._live.join(timeout=10)
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def wait(self) -> None:
+        """Until it is closed, or Ctrl-C."""
+        while not self._stopped.wait(0.5):
+            pass
+
+    # --- The page ---
+
+    def _page(self, env: MujocoVectorEnv) -> None:
+        gui, world = self._server.gui, self.world
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        self._said = gui.add_markdown(self._about())
+        with gui.add_folder("Send it"):
+            for name, skill in SKILLS.get(world.agent.config.body, {}).items():
+                self._button(name, partial(world.perform, name), skill.text)
+            self._button("surprise me", world.surprise, "a goal that the agent proposes")
+            self._button("anywhere", world.anywhere, "a goal of the evaluation's")
+            self._button("stay here", lambda: world.send(world.state), "its own state as goal")
+        with gui.add_folder("Goal"):
+            low, high = _ranges(world)
+            self._sliders = [
+                gui.add_slider(
+                    f"{name} ({unit})", float(a), float(b), float((b - a) / 400), float(x)
+                )
+                for name, unit, a, b, x in zip(
+                    env.state_names,
+                    env.state_units,
+                    low,
+                    high,
+                    world.goal.clip(low, high),
+                    strict=True,
+                )
+            ]
+            for slider in self._sliders:
+                slider.on_update(self._slid)
+        with gui.add_folder("How"):
+            self._paused = gui.add_checkbox("pause", False)
+            self._speed = gui.add_slider("speed", 0.1, 2.0, 0.1, 1.0)
+            plan = gui.add_checkbox("plan ahead", world.plan)
+            plan.on_update(lambda _: self._do(partial(setattr, world, "plan", plan.value)))
+            fear = gui.add_checkbox("expect the worst", world.pessimistic)
+            fear.on_update(lambda _: self._do(partial(setattr, world, "pessimistic", fear.value)))
+            mass = gui.add_slider("mass", *MASSES, 0.05, 1.0)
+            mass.on_update(lambda _: self._do(partial(world.weigh, mass.value)))
+            self._button("push", world.push, "jolts the body")
+        with gui.add_folder("What it thinks"):
+            self._plots = {
+                reading: gui.add_uplot(
+                    (np.arange(2.0), np.zeros(2)),
+                    ({"label": "step"}, {"label": title, "stroke": plots.BLUE, "width": 2}),
+                    title=title, aspect=3.0, scales={"x": uplot.Scale(time=False)},
+                )
+                for title, reading in _PLOTS.items()
+            }  # fmt: skip
+            self._map = None
+            if len(env.state_names) == 2:
+                self._map = gui.add_image(
+                    self._map_of(world.goal), label="V, and goals it proposes"
+                )
+
+    def _button(self, label: str, action: Callable[[], None], hint: str) -> None:
+        button = self._server.gui.add_button(label, hint=hint)
+        button.on_click(lambda _: self._do(action))
+
+    def _do(self, action: Callable[[], None]) -> None:
+        """Leaves it to the thread in which the body lives."""
+        self._commands.put(action)
+
+    def _slid(self, event: Any) -> None:
+        if event.client is not None:  # not by us
+            goal = np.array([slider.value for slider in self._sliders], dtype=np.float32)
+            self._do(partial(self.world.send, goal))
+
+    def _about(self, problem: str = "") -> str:
+        config = self.world.agent.config
+        text = f"**{config.body}**, {self.run}. Its goal is the green ghost."
+        return f"{text}\n\n**{problem}**" if problem else text
+
+    def _map_of(self, goal: Float[np.ndarray, " state"]) -> np.ndarray:
+        bounds = self.world.env.single_observation_space
+        return plots.value_image(self.world.agent, bounds.low, bounds.high, goal)  # pyright: ignore
+
+    # --- The life ---
+
+    def _run(self) -> None:
+        shown = checked = 0.0
+        goal = None
+        while not self._stopped.is_set():
+            began = time.perf_counter()
+            try:
+                while not self._commands.empty():
+                    self._commands.get()()
+                if not self._paused.value:
+                    self._readings.append(self.world.step())
+                if goal is None or not np.array_equal(goal, self.world.goal):
+                    goal = self.world.goal.copy()
+                    self._show_goal(goal)
+                self._stage.show(self.world.state)
+                if began - shown > _PLOT_PERIOD:
+                    shown = began
+                    self._show_readings()
+                if began - checked > _FOLLOW_PERIOD:
+                    checked = began
+                    self._follow()
+            except EverystateError as error:
+                self._said.content = self._about(str(error))
+            step = (self.world.env.control_step or 0.04) / self._speed.value
+            self._stopped.wait(max(0.0, step - (time.perf_counter() - began)))
+
+    def _show_goal(self, goal: Float[np.ndarray, " state"]) -> None:
+        self._stage.show_goal(goal)
+        for slider, value in zip(self._sliders, goal, strict=True):
+            slider.value = float(np.clip(value, slider.min, slider.max))
+        if self._map is not None:
+            self._map.image = self._map_of(goal)
+
+    def _show_readings(self) -> None:
+        if len(self._readings) < 2:
+            return
+        steps = np.arange(len(self._readings), dtype=float)
+        for reading, plot in self._plots.items():
+            plot.data = (steps, np.array([getattr(r, reading) for r in self._readings]))
+
+    def _follow(self) -> None:
+        """A run that is still training: takes its newest checkpoint."""
+        found = sorted(self.run.glob("checkpoints/[0-9]*"))
+        if found and found[-1] != getattr(self, "_newest", None):
+            self._newest = found[-1]
+            self.world.follow(load(self.run))
+
+
+def _ranges(world: World) -> tuple[Float[np.ndarray, " state"], Float[np.ndarray, " state"]]:
+    """Bounds of the sliders: the body's, or three spreads where it has none."""
+    space: Any = world.env.single_observation_space
+    centre, spread = (np.asarray(x, dtype=float) for x in world.agent.scale)
+    low = np.where(np.isfinite(space.low), space.low, centre - 3 * spread)
+    high = np.where(np.isfinite(space.high), space.high, centre + 3 * spread)
+    return low, high
+
+
+def _free(port: int) -> int:
+    """The port, if nobody has it; viser would quietly take another."""
+    with socket.socket() as probe:
+        try:
+            probe.bind((HOST, port))
+        except (OSError, OverflowError) as error:
+            raise EverystateError(f"port {port} cannot be had ({error}): choose another") from error
+        return probe.getsockname()[1]
+
+
+def studio(run: Path | str, *, port: int = 8080, seed: int = 0) -> None:
+    """Serves the page until Ctrl-C; see `Studio`."""
+    page = Studio(run, port=port, seed=seed)
+    print(f"{page.address} (Ctrl-C ends it)", flush=True)
+    try:
+        page.wait()
+    finally:
+        page.close()

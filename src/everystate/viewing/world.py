@@ -1,0 +1,135 @@
+"""One body, alive under an agent: what the studio shows, without the page around it."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from everystate.agent import Agent, Performance, step_seed
+from everystate.envs import BodyVectorEnv, make, parse_options
+from everystate.errors import EverystateError
+from everystate.evaluation import suites
+
+JOLT = 0.5
+"""A push changes each velocity by about this many spreads."""
+MASSES = (0.25, 4.0)
+"""Least and largest factor of all masses."""
+
+State = Float32[np.ndarray, " state"]
+
+
+class Reading(NamedTuple):
+    """What happened in a step, and what the agent thinks of where it is now."""
+
+    state: State
+    goal: State
+    steps_to_goal: float
+    distance: float
+    """max_i |s_i - g_i| in spreads of the component."""
+    log_density: float
+
+
+class World:
+    """A body that is sent from goal to goal, pushed about and made heavier; never reset."""
+
+    def __init__(self, agent: Agent, seed: int = 0) -> None:
+        """Begins where the body does, with its own state as its goal."""
+        self.agent = agent
+        self.plan = False
+        self.pessimistic = agent.config.pessimism != "mean"
+        self.mass = 1.0
+        self._rng = np.random.default_rng(seed)
+        self._seed, self._steps = seed, 0
+        self._performance: Performance | None = None
+        self.env = self._made()
+        self.state: State = self.env.reset(seed=seed)[0][0]
+        self._goal = self.state.copy()
+
+    @property
+    def goal(self) -> State:
+        """Where it is going: of a skill, the goal that is next."""
+        return self._performance.goal if self._performance else self._goal
+
+    def send(self, goal: Float[np.ndarray, " state"]) -> None:
+        """Goes to a state, and stays there if it can."""
+        self._performance = None
+        self._goal = np.asarray(goal, dtype=np.float32)
+
+    def perform(self, skill: str) -> None:
+        """Performs a named skill, and goes on with its last goal."""
+        self._performance = self._acting().perform(skill, plan=self.plan, seed=self._seed)
+
+    def surprise(self) -> None:
+        """Goes to a goal that the agent proposes."""
+        self.send(self.agent.propose_goals(1, int(self._rng.integers(2**31)))[0])
+
+    def anywhere(self) -> None:
+        """Goes to one of the goals of the body's suite, all of which it can be in."""
+        config = self.agent.config
+        goals = suites.load(config.body, options=config.body_options).goals
+        self.send(goals[self._rng.integers(len(goals))])
+
+    def push(self) -> None:
+        """Jolts its velocities, or its place if it has none."""
+        names = self.env.state_names
+        moving = np.array([unit.endswith("/s") for unit in self.env.state_units])
+        hit = moving if moving.any() else np.ones(len(names), dtype=bool)
+        jolt = (
+            JOLT * np.asarray(self.agent.scale.spread) * self._rng.choice([-1.0, 1.0], len(names))
+        )
+        self._put(self.state + np.where(hit, jolt, 0.0))
+
+    def weigh(self, mass: float) -> None:
+        """All masses and inertias of the body times a factor, which the agent does not know of."""
+        if not MASSES[0] <= mass <= MASSES[1]:
+            raise EverystateError(f"mass is {mass}: choose {MASSES[0]} to {MASSES[1]}")
+        self.mass, self.env = mass, self._made()
+        self._put(self.state)
+
+    def follow(self, agent: Agent) -> None:
+        """Goes on with another agent of the same body, as a run in training saves them."""
+        self.agent = agent
+        if self._performance:
+            self._performance.agent = self._acting()
+
+    def step(self) -> Reading:
+        """One control step."""
+        goal, actor = self.goal, self._acting()
+        seed = step_seed(self._seed, self._steps)
+        action = actor.act(self.state, goal, plan=self.plan, seed=seed)
+        if self._performance:
+            self._performance.step += 1
+        self._steps += 1
+        self.state = self.env.step(action[None])[0][0]
+        apart = np.abs(self.state - goal) / np.asarray(self.agent.scale.spread)
+        return Reading(
+            self.state,
+            goal,
+            float(self.agent.steps_to_goal(self.state, goal)),
+            float(apart.max()),
+            float(self.agent.log_density(self.state)),
+        )
+
+    def _acting(self) -> Agent:
+        """The agent, planning for the worst or for the mean of what it imagines."""
+        pessimism = "percentile" if self.pessimistic else "mean"
+        if self.agent.config.pessimism == pessimism:
+            return self.agent
+        return replace(self.agent, config=replace(self.agent.config, pessimism=pessimism))
+
+    def _made(self) -> BodyVectorEnv:
+        config = self.agent.config
+        options = parse_options(config.body_options)
+        if self.mass != 1.0:
+            options["mass"] = self.mass * options.get("mass", 1.0)
+        env = make(config.body, 1, self._seed, **options)
+        if not env.placeable:
+            raise EverystateError(f"{env.name} cannot be drawn from what it observed, only live")
+        return env
+
+    def _put(self, state: Float[np.ndarray, " state"]) -> None:
+        bounds = self.env.single_observation_space
+        inside = np.clip(state, bounds.low, bounds.high)  # pyright: ignore
+        self.env.set_observations(inside[None])
+        self.state = inside.astype(np.float32)

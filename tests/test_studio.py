@@ -1,0 +1,162 @@
+"""The studio: the life of a body without its page, and its page in a real browser."""
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from everystate import load
+from everystate.errors import EverystateError
+from everystate.viewing.studio import Studio
+from everystate.viewing.world import World
+
+CHROMIUM = shutil.which("chromium")
+ARTEFACTS = Path(os.environ.get("EVERYSTATE_ARTEFACTS", "artefacts"))
+
+
+@pytest.fixture
+def world() -> World:
+    return World(load("ramp-pointmass"))
+
+
+def test_it_goes_where_it_is_sent_and_stays(world: World) -> None:
+    world.send(np.array([0.4, -0.6]))
+    readings = [world.step() for _ in range(60)]
+    assert readings[-1].distance < 0.5 < readings[0].distance
+    assert readings[-1].steps_to_goal < readings[0].steps_to_goal
+    np.testing.assert_array_equal(readings[-1].state, world.state)
+    assert np.isfinite(readings[-1].log_density)
+
+
+def test_a_skill_goes_through_its_goals_and_keeps_the_last(world: World) -> None:
+    world.perform("come-back")
+    goals = []
+    for _ in range(160):
+        goals.append(tuple(round(float(x), 2) for x in world.goal))
+        world.step()
+    assert list(dict.fromkeys(goals)) == [(0.75, 0.8), (0.75, -0.8), (-0.3, -0.3)]
+    world.send(np.array([0.0, 0.0]))
+    assert world.goal.tolist() == [0.0, 0.0]
+
+
+def test_pushes_and_weights_move_it_but_not_out_of_its_world(world: World) -> None:
+    for _ in range(20):
+        before = world.state
+        world.push()
+        assert not np.array_equal(before, world.state)
+        assert np.abs(world.state).max() <= 1
+    before = world.state
+    world.weigh(2.0)
+    np.testing.assert_array_equal(world.state, before)
+    world.step()
+    with pytest.raises(EverystateError, match=r"mass is 9\.0: choose 0\.25 to 4"):
+        world.weigh(9.0)
+    world.weigh(1.0)
+
+
+def test_goals_it_is_surprised_by_differ_and_can_be_repeated(world: World) -> None:
+    same = World(load("ramp-pointmass"))
+    for choose in ("surprise", "anywhere"):
+        goals = []
+        for _ in range(3):
+            getattr(world, choose)()
+            getattr(same, choose)()
+            np.testing.assert_array_equal(world.goal, same.goal)
+            goals.append(world.goal.copy())
+        assert len(np.unique(goals, axis=0)) == 3
+
+
+def test_what_cannot_be_drawn_is_said(tmp_path: Path) -> None:
+    with pytest.raises(EverystateError, match="no agent at"):
+        Studio(tmp_path / "none", port=0)
+    with pytest.raises(EverystateError, match="choose another"):
+        Studio("ramp-pointmass", port=99999)
+
+
+def until(true: Callable[[], Any], seconds: float = 30.0) -> None:
+    """Waits; the studio lives in real time."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, "it did not come about"
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def studio() -> Iterator[Studio]:
+    page = Studio("ramp-pointmass", port=0)
+    yield page
+    page.close()
+
+
+def test_the_page_is_for_this_machine_alone(studio: Studio) -> None:
+    assert studio.address.startswith("http://127.0.0.1:")
+    taken = int(studio.address.rpartition(":")[2])
+    with pytest.raises(EverystateError, match=f"port {taken} cannot be had"):
+        Studio("ramp-pointmass", port=taken)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    assert CHROMIUM, "these tests need Chromium: apt-get install chromium"
+    quiet = ("background-networking", "component-update", "sync", "quic")
+    options = [*(f"--disable-{name}" for name in quiet), "--no-sandbox", "--no-first-run"]
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield opened
+        opened.close()
+
+
+def opened(browser: Any, studio: Studio) -> tuple[Any, list[str]]:
+    """A page of the studio, and the addresses it asked for."""
+    page, asked = browser.new_page(viewport={"width": 1280, "height": 900}), []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(studio.address)
+    page.get_by_role("button", name="climb").wait_for(timeout=60_000)
+    return page, asked
+
+
+@pytest.mark.browser
+def test_the_page_asks_nobody_else_and_a_button_sends_the_body(
+    browser: Any, studio: Studio
+) -> None:
+    page, asked = opened(browser, studio)
+    page.get_by_role("button", name="climb").click()
+    until(lambda: studio.world.goal.tolist() == pytest.approx([0.0, 0.8]))
+    until(lambda: studio._readings[-1].distance < 0.5, 60)
+    ARTEFACTS.mkdir(exist_ok=True)
+    page.screenshot(path=ARTEFACTS / "studio.png")
+    assert asked
+    local = (studio.address, studio.address.replace("http", "ws"), "data:", "blob:")
+    assert [url for url in asked if not url.startswith(local)] == []
+    page.close()
+
+
+@pytest.mark.browser
+def test_a_slider_moves_the_ghost(browser: Any, studio: Studio) -> None:
+    page, _ = opened(browser, studio)
+    field = page.get_by_role("textbox").first
+    field.fill("-0.5")
+    field.press("Enter")
+    until(lambda: studio.world.goal[0] == pytest.approx(-0.5, abs=0.01))
+    (ghost,) = studio._stage._ghosts.values()
+    until(lambda: ghost.position[0] == pytest.approx(-0.5, abs=0.01))
+    page.close()
+
+
+@pytest.mark.browser
+def test_two_browsers_at_once_and_one_that_leaves(browser: Any, studio: Studio) -> None:
+    one, _ = opened(browser, studio)
+    other, _ = opened(browser, studio)
+    one.close()
+    before = len(studio._readings), studio.world._steps
+    other.get_by_role("button", name="stay here").click()
+    until(lambda: studio.world._steps > before[1] + 10)
+    until(lambda: np.abs(studio.world.goal - studio.world.state).max() < 0.3)
+    other.close()
