@@ -123,6 +123,24 @@ def skill_rates(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
     return figure
 
 
+@styled
+def skills_over_training(runs: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
+    """A panel per run: the success rate of every skill at its checkpoints, by epoch."""
+    figure = Figure(figsize=(WIDTH, 2.6 * len(runs) + 0.4))
+    grid = figure.subplots(len(runs), 1, squeeze=False, sharex=True).ravel()
+    for ax, (label, checkpoints) in zip(grid, runs.items(), strict=True):
+        epochs = sorted(checkpoints, key=int)
+        for i, skill in enumerate(checkpoints[epochs[0]]):
+            rates = [checkpoints[epoch][skill] for epoch in epochs]
+            marker = _MARKERS[i % len(_MARKERS)]
+            ax.plot([int(e) for e in epochs], rates, marker=marker, markersize=4, label=skill)
+        ax.set_title(label)
+        _percent(ax)
+    grid[-1].set_xlabel("epoch")
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return figure
+
+
 def _skills(folder: Path) -> dict[str, float]:
     """Success rates of the named skills with planning; empty without."""
     path = folder / "evaluation.json"
