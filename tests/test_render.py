@@ -62,7 +62,7 @@ def test_a_gif_and_a_filmstrip(tmp_path: Path) -> None:
     options = {"goal": (0.5, -0.5), "steps": 20, "size": SIZE}
     gif = viewing.render("ramp-pointmass", tmp_path / "a.gif", **options)
     frames = imageio.mimread(gif)
-    assert len(frames) == 21
+    assert len(frames) == 21  # every one, of about 17 a second
     assert frames[0].shape[:2] == (200, 160)
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
     strip = imageio.imread(viewing.render("ramp-pointmass", tmp_path / "a.png", **options))

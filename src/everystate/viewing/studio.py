@@ -208,8 +208,8 @@ def _ranges(world: World) -> tuple[Float[np.ndarray, " state"], Float[np.ndarray
     """Bounds of the sliders: the body's, or three spreads where it has none."""
     space: Any = world.env.single_observation_space
     centre, spread = (np.asarray(x, dtype=float) for x in world.agent.scale)
-    low = np.where(np.isfinite(space.low), space.low, centre - 3 * spread)
-    high = np.where(np.isfinite(space.high), space.high, centre + 3 * spread)
+    low = np.where(np.isfinite(space.low), space.low, np.floor(centre - 3 * spread))
+    high = np.where(np.isfinite(space.high), space.high, np.ceil(centre + 3 * spread))
     return low, high
 
 

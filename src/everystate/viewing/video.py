@@ -58,8 +58,7 @@ def write(
         if path.suffix == ".png":
             plots.save(filmstrip(recording, env, width=width, height=height), part)
         elif path.suffix == ".gif":
-            # Viewers slow down what is faster than 50 frames a second.
-            every = max(1, round(rate / 20))
+            every = max(1, round(rate / 12))  # frames a second enough, or the file grows large
             frames = list(_frames(recording, env, width, height))[::every]
             imageio.mimwrite(part, frames, duration=1000 * every / rate, loop=0)  # pyright: ignore
         else:

@@ -36,7 +36,7 @@ class World:
     def __init__(self, agent: Agent, seed: int = 0) -> None:
         """Begins where the body does, with its own state as its goal."""
         self.agent = agent
-        self.plan = False
+        self.plan = True
         self.pessimistic = agent.config.pessimism != "mean"
         self.mass = 1.0
         self._rng = np.random.default_rng(seed)
