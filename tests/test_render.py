@@ -42,7 +42,9 @@ def test_exploring_goes_to_several_goals_of_its_own(agent: Agent) -> None:
 
 @pytest.mark.filterwarnings("ignore:os.fork")  # ours are not heard; here the reader's
 def test_a_video_moves_in_real_time_and_says_what_v_thinks(tmp_path: Path) -> None:
-    path = viewing.render("ramp-pointmass", tmp_path / "a.mp4", skill="climb", size=SIZE)
+    path = viewing.render(
+        "ramp-pointmass", tmp_path / "a.mp4", skill="climb", size=SIZE, plan=False
+    )
     with imageio.get_reader(path) as reader:
         about = reader.get_meta_data()  # pyright: ignore
         frames = np.stack([np.asarray(frame) for frame in reader]).astype(int)  # pyright: ignore
@@ -59,7 +61,7 @@ def test_a_video_moves_in_real_time_and_says_what_v_thinks(tmp_path: Path) -> No
 
 
 def test_a_gif_and_a_filmstrip(tmp_path: Path) -> None:
-    options = {"goal": (0.5, -0.5), "steps": 20, "size": SIZE}
+    options = {"goal": (0.5, -0.5), "steps": 20, "size": SIZE, "plan": False}
     gif = viewing.render("ramp-pointmass", tmp_path / "a.gif", **options)
     frames = imageio.mimread(gif)
     assert len(frames) == 21  # every one, of about 17 a second
@@ -93,7 +95,7 @@ def test_the_command_names_the_file_it_wrote(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    small = ["--steps", "6", "--size", "160", "120"]
+    small = ["--steps", "6", "--size", "160", "120", "--no-plan"]
     assert cli.main(["render", "ramp-pointmass", "--goal", "0", "-0.5", *small]) == 0
     assert capsys.readouterr().out == "ramp-pointmass-goal.mp4\n"
     assert Path("ramp-pointmass-goal.mp4").stat().st_size > 500

@@ -88,8 +88,8 @@ class Render:
     after the body and what it does, here."""
     steps: int = 250
     """Control steps of --goal and --explore; a skill has its own."""
-    plan: bool = False
-    """Act by planning rather than by the policy."""
+    plan: bool = True
+    """Act by planning ahead rather than by the policy."""
     seed: int = 0
     """Of where it starts, of the body's noise and of planning."""
     size: tuple[int, int] = (480, 360)

@@ -16,7 +16,7 @@ def render(
     goal: Sequence[float] | None = None,
     explore: bool = False,
     steps: int = 250,
-    plan: bool = False,
+    plan: bool = True,
     seed: int = 0,
     size: tuple[int, int] = (480, 360),
 ) -> Path:
@@ -29,7 +29,7 @@ def render(
         goal: a state, in the body's units.
         explore: go to goals that the agent proposes.
         steps: control steps of a goal or of exploring.
-        plan: act by planning rather than by the policy.
+        plan: act by planning ahead rather than by the policy.
         seed: of where it starts, the body's noise and planning.
         size: width and height of a frame.
 
