@@ -68,6 +68,8 @@ def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "step
     )
     panels = {"coverage/cells": "cells visited", "episode/reached": "training goals reached"}
     panels |= {f"{EVALUATED}{region}": f"success@0.5, {region}" for region in evaluated}
+    known = {name for group in runs.values() for run in group for name in run}
+    panels = {name: title for name, title in panels.items() if name in known}
     bars = bool(regions) and not evaluated
     rows = -(-(len(panels) + bars) // 2)
     figure = Figure(figsize=(WIDTH, 2.5 * rows + 0.3))
