@@ -2,8 +2,8 @@
 
     python experiments/cartpole.py
 
-`seeds.py` says where everything goes. The figures are `success.png` and `skills.png`. Settings other
-than `quick` have one seed, and one thing changed: the first two from `quick`, the rest from `short`.
+`seeds.py` says where everything goes. The figures are `success.png` and `skills.png`. Settings
+other than `quick` have one seed and one thing changed: the first from `quick`, others from `short`.
 """
 
 from pathlib import Path
@@ -16,8 +16,8 @@ _SHORT = "--epochs 80"
 SETTINGS: dict[str, tuple[str, int]] = {
     "quick": ("", 5),
     "undiscounted": ("--discount 1", 1),  # D18
-    "no-approaches": ("--approach-share 0", 1),  # D19
     "short": (_SHORT, 1),
+    "no-approaches": (f"{_SHORT} --approach-share 0", 1),  # D19
     "imagined-goals": (f"{_SHORT} --goals imagined --m 20", 1),  # D17
     "always-absorbed": (f"{_SHORT} --absorb 1", 1),  # D10
     "never-absorbed": (f"{_SHORT} --absorb 0", 1),
