@@ -114,7 +114,8 @@ def skill_rates(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
     ax = figure.subplots()
     ax.imshow(table, cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
     for (row, column), rate in np.ndenumerate(table):
-        ax.text(column, row, f"{100 * rate:.0f}", ha="center", va="center", fontsize=8)
+        ink = "white" if rate > 0.6 else "black"
+        ax.text(column, row, f"{100 * rate:.0f}", ha="center", va="center", color=ink, fontsize=8)
     seeds = [
         f"{label} ({len(found)})" if len(found) > 1 else label for label, found in rates.items()
     ]
