@@ -181,3 +181,26 @@ def test_actions_are_arrows_only_where_they_have_two_components(tmp_path: Path) 
     drawn = on_the_map(tmp_path, Pushes(), envs.make(body, 1, 0), suites.load(body))
     assert [picture.name for picture in drawn] == ["values"]
     assert drawn[0].draw().axes
+
+
+def test_skills_of_several_settings_are_medians_over_their_seeds(tmp_path: Path) -> None:
+    folders = []
+    for seed, rate in enumerate((0.2, 0.4, 1.0)):
+        folders.append(tmp_path / f"seed{seed}")
+        folders[-1].mkdir()
+        result = {"skills_plan": {"balance": rate, "spin": 1.0}}
+        (folders[-1] / "evaluation.json").write_text(json.dumps(result))
+    (empty := tmp_path / "empty").mkdir()
+    figure = figures.skill_rates({"three": folders, "none": [empty]})
+    (ax,) = figure.axes
+    assert [text.get_text() for text in ax.texts] == ["40", "100"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["three (3)"]
+    with pytest.raises(EverystateError, match="evaluate --skills"):
+        figures.skill_rates({"none": [empty]})
+
+
+def test_skills_over_training_are_in_the_order_of_their_epochs() -> None:
+    runs = {"a": {"100": {"balance": 1.0}, "20": {"balance": 0.5}}}
+    (ax,) = figures.skills_over_training(runs).axes
+    (line,) = ax.lines
+    assert np.asarray(line.get_xydata()).tolist() == [[20, 0.5], [100, 1.0]]
