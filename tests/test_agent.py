@@ -12,10 +12,10 @@ import everystate
 from everystate.agent import Agent, BodyInfo, config_from_json, config_to_json, load, named_arrays
 from everystate.agent import agent as agent_module
 from everystate.algorithm import Scale
-from everystate.config import preset
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
 from everystate.learning.replay import Transitions
+from everystate.presets import preset
 from everystate.training.learner import begin
 
 CENTRE = np.array([1.0, -2.0], dtype=np.float32)

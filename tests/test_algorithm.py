@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from everystate import algorithm
-from everystate.config import FlowFamily, preset
+from everystate.config import FlowFamily
 from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
+from everystate.presets import preset
 
 
 def drift(config, key, steps):

@@ -8,8 +8,9 @@ import pytest
 
 from everystate import envs
 from everystate.agent import Agent, BodyInfo, named_arrays
-from everystate.config import Config, preset
+from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.presets import preset
 from everystate.training import checkpoint
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import warm_up

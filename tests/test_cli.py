@@ -10,8 +10,8 @@ import pytest
 from rich.table import Table
 
 from everystate import cli, evaluation, training, viewing
-from everystate.config import preset
 from everystate.errors import EverystateError
+from everystate.presets import preset
 
 RESULT = {"success": {"floor": {"0.5": {"last": 1.0}}}}
 

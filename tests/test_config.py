@@ -7,8 +7,9 @@ from typing import get_type_hints
 import pytest
 
 from everystate import config as module
-from everystate.config import PRESETS, Config, preset
+from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.presets import PRESETS, preset
 
 BODIES = ("ramp-pointmass", "cartpole", "ant")
 STABILISERS = {

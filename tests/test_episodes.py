@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from everystate.config import preset
 from everystate.learning import episodes as ep
+from everystate.presets import preset
 
 BODIES, STEPS = 10, 120
 

@@ -12,11 +12,12 @@ import pytest
 from rich.console import Console
 
 from everystate import evaluation
-from everystate.config import Config, preset
+from everystate.config import Config
 from everystate.envs import make
 from everystate.envs.ramp_pointmass import height, region, set_down
 from everystate.errors import EverystateError
 from everystate.evaluation import aggregate, metrics, suites
+from everystate.presets import preset
 
 ROOT = Path(__file__).parents[1]
 CONFIG = preset("test")

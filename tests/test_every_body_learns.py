@@ -93,7 +93,7 @@ def test_nothing_is_learned_across_an_end(tmp_path: Path) -> None:
     gymnasium.register("Corridor-v0", entry)
     run = everystate.train("gymnasium:Corridor-v0", run_dir=tmp_path / "run", **SHORT)
     del gymnasium.registry["Corridor-v0"]
-    from everystate.config import preset
+    from everystate.presets import preset
     from everystate.training import checkpoint
 
     fields = {name: x for name, x in SHORT.items() if name not in ("preset", "progress")}

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from flowjax.distributions import AbstractTransformed
 
-from everystate.config import FlowFamily, preset
+from everystate.config import FlowFamily
 from everystate.learning.flows import ConditionalFlow, conditional_flow, decode, encode, state_flow
 from everystate.learning.models import new_models
+from everystate.presets import preset
 
 FAMILIES: tuple[FlowFamily, ...] = (
     "pldu",

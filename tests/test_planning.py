@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from flowjax.distributions import Normal
 
-from everystate.config import preset
 from everystate.errors import EverystateError
 from everystate.learning.planning import Planning, plan
+from everystate.presets import preset
 
 CONFIG = preset("test", reward_space="state", k=10.0, absorb=1.0, discount=0.98)
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from flowjax.distributions import Normal
 
-from everystate.config import Config, preset
+from everystate.config import Config
 from everystate.learning import policy
 from everystate.learning.policy import improve, score
+from everystate.presets import preset
 
 # Two sizes for all tests, so that each operation compiles twice at most.
 FEW, MANY = {"j": 20, "N": 5}, {"j": 500, "N": 20}

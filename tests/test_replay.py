@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from everystate.config import preset
 from everystate.learning import replay as rb
 from everystate.learning.replay import Transitions
+from everystate.presets import preset
 
 BODIES = 10
 CONFIG = preset("test", num_bodies=BODIES, capacity=400, batch_size=1000, hindsight_steps=7)

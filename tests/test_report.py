@@ -11,10 +11,11 @@ import pytest
 from jaxtyping import Float
 
 from everystate import envs, evaluation, viewing
-from everystate.config import Config, preset
+from everystate.config import Config
 from everystate.envs import MujocoVectorEnv
 from everystate.errors import EverystateError
 from everystate.evaluation import suites
+from everystate.presets import preset
 from everystate.viewing import figures, plots
 from everystate.viewing.report import on_the_map, over_time
 

@@ -7,9 +7,10 @@ import pytest
 
 from everystate import cli, evaluation, load
 from everystate.agent import Performance
-from everystate.config import Config, preset
+from everystate.config import Config
 from everystate.envs import BODIES, make
 from everystate.errors import EverystateError
+from everystate.presets import preset
 from everystate.skills import SKILLS, skill, skills_of
 
 NAMES = [(body, name) for body, table in SKILLS.items() for name in table]

@@ -24,8 +24,8 @@ import pytest
 import everystate
 from everystate import envs
 from everystate.agent import named_arrays
-from everystate.config import preset
 from everystate.errors import EverystateError
+from everystate.presets import preset
 from everystate.training import checkpoint, coverage, loop, train
 from everystate.training.learner import Learner, first_not_finite
 from everystate.training.logging import Log, read_metrics, shown

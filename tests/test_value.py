@@ -7,12 +7,12 @@ import numpy as np
 import optax
 import pytest
 
-from everystate.config import preset
 from everystate.learning.losses import value_loss
 from everystate.learning.models import Models
 from everystate.learning.networks import Value
 from everystate.learning.rewards import closeness
 from everystate.learning.value import backup, lowest, steps
+from everystate.presets import preset
 
 PLACES = 6
 

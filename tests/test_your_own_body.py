@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from everystate import cli, envs
-from everystate.config import preset
+from everystate.presets import preset
 from everystate.training.rundir import default_run_dir
 
 PAGE = (Path(__file__).parents[1] / "docs" / "your-own-body.md").read_text()

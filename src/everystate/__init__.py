@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from everystate.agent import Agent, load
-    from everystate.config import Config, preset
+    from everystate.config import Config
     from everystate.errors import EverystateError
+    from everystate.presets import preset
     from everystate.training import train
 
 __all__ = ["Agent", "Config", "EverystateError", "load", "preset", "train"]
@@ -25,7 +26,7 @@ _HOMES = {
     "Config": "config",
     "EverystateError": "errors",
     "load": "agent",
-    "preset": "config",
+    "preset": "presets",
     "train": "training",
 }
 

@@ -26,8 +26,9 @@ from typing import Any
 
 import tyro
 
-from everystate.config import Config, preset
+from everystate.config import Config
 from everystate.errors import EverystateError, suggest
+from everystate.presets import preset
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,9 +15,9 @@ import jax
 from everystate import envs, evaluation
 from everystate.agent import Agent, BodyInfo, keep_compiled_programs
 from everystate.config import Config
-from everystate.config import preset as preset_of
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
+from everystate.presets import preset as preset_of
 from everystate.training import checkpoint, coverage
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import (

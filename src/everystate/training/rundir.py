@@ -17,8 +17,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 from everystate.agent import config_to_json
-from everystate.config import PRESETS, Config, preset
+from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.presets import PRESETS, preset
 
 FORMAT = 1
 _LOCK = ".lock"
