@@ -63,6 +63,7 @@ class Studio:
         self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._readings: deque[Reading] = deque(maxlen=SHOWN)
         self._stopped = threading.Event()
+        self._newest: Path | None = None  # of the checkpoints that were looked at
         self._page(env)
         self._live = threading.Thread(target=self._run, name="studio", daemon=True)
         self._live.start()
@@ -75,9 +76,9 @@ class Studio:
             self._server.stop()
 
     def wait(self) -> None:
-        """Until it is closed, or Ctrl-C."""
-        while not self._stopped.wait(0.5):
-            pass
+        """Until it is closed, Ctrl-C, or an error that ends the body's life and is printed."""
+        while self._live.is_alive():
+            self._live.join(timeout=0.5)
 
     # --- The page ---
 
@@ -199,7 +200,7 @@ class Studio:
     def _follow(self) -> None:
         """A run that is still training: takes its newest checkpoint."""
         found = sorted(self.run.glob("checkpoints/[0-9]*"))
-        if found and found[-1] != getattr(self, "_newest", None):
+        if found and found[-1] != self._newest:
             self._newest = found[-1]
             self.world.follow(load(self.run))
 
