@@ -15,7 +15,7 @@ from everystate.algorithm import Scale
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
 from everystate.learning.replay import Transitions
-from everystate.presets import preset
+from everystate.presets import PRESETS, preset
 from everystate.training.learner import begin
 
 CENTRE = np.array([1.0, -2.0], dtype=np.float32)
@@ -168,7 +168,7 @@ def test_shipped_agents_load_by_name(
 
 
 def test_every_config_survives_json() -> None:
-    for name in everystate.config.PRESETS:
+    for name in PRESETS:
         config = preset(name)
         assert config_from_json(json.loads(json.dumps(config_to_json(config)))) == config
 
