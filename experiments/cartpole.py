@@ -15,16 +15,17 @@ from everystate.viewing.figures import comparison, skill_rates
 _SHORT = "--epochs 80"
 SETTINGS: dict[str, tuple[str, int]] = {
     "quick": ("", 5),
-    "undiscounted": ("--discount 1", 1),  # D18
-    "short": (_SHORT, 1),
-    "no-approaches": (f"{_SHORT} --approach-share 0", 1),  # D19
-    "imagined-goals": (f"{_SHORT} --goals imagined --m 20", 1),  # D17
-    "always-absorbed": (f"{_SHORT} --absorb 1", 1),  # D10
-    "never-absorbed": (f"{_SHORT} --absorb 0", 1),
-    "absolute-goals": (f"{_SHORT} --no-relative-goals", 1),  # D20
-    "latent-reward": (f"{_SHORT} --reward-space latent", 1),  # D9
-    "wide-weights": (f"{_SHORT} --weight-clip 8", 1),  # D1
-    "few-candidates": (f"{_SHORT} --j 1 --N 8", 1),
+    "short": (_SHORT, 3),
+    "undiscounted": (f"{_SHORT} --discount 1", 3),  # D18
+    "no-approaches": (f"{_SHORT} --approach-share 0", 3),  # D19
+    "imagined-goals": (f"{_SHORT} --goals imagined --m 20", 3),  # D17
+    "always-absorbed": (f"{_SHORT} --absorb 1", 3),  # D10
+    "never-absorbed": (f"{_SHORT} --absorb 0", 3),
+    "absolute-goals": (f"{_SHORT} --no-relative-goals", 3),  # D20
+    "latent-reward": (f"{_SHORT} --reward-space latent", 3),  # D9
+    "wide-weights": (f"{_SHORT} --weight-clip 8", 3),  # D1
+    "few-candidates": (f"{_SHORT} --j 1 --N 8", 3),
+    "no-hindsight": (f"{_SHORT} --no-hindsight", 3),
 }
 
 

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -74,7 +75,7 @@ def test_goals_it_is_surprised_by_differ_and_can_be_repeated(world: World) -> No
 def test_what_cannot_be_drawn_is_said(tmp_path: Path) -> None:
     with pytest.raises(EverystateError, match="no agent at"):
         Studio(tmp_path / "none", port=0)
-    with pytest.raises(EverystateError, match="choose another"):
+    with pytest.raises(EverystateError, match="port 99999 is none"):
         Studio("ramp-pointmass", port=99999)
 
 
@@ -96,7 +97,7 @@ def studio() -> Iterator[Studio]:
 def test_the_page_is_for_this_machine_alone(studio: Studio) -> None:
     assert studio.address.startswith("http://127.0.0.1:")
     taken = int(studio.address.rpartition(":")[2])
-    with pytest.raises(EverystateError, match=f"port {taken} cannot be had"):
+    with pytest.raises(EverystateError, match=f"port {taken} of 127.0.0.1 cannot be had"):
         Studio("ramp-pointmass", port=taken)
 
 
@@ -160,3 +161,19 @@ def test_two_browsers_at_once_and_one_that_leaves(browser: Any, studio: Studio) 
     until(lambda: studio.world._steps > before[1] + 10)
     until(lambda: np.abs(studio.world.goal - studio.world.state).max() < 0.3)
     other.close()
+
+
+@pytest.mark.browser
+def test_a_page_for_others_asks_for_the_token_once(browser: Any) -> None:
+    studio = Studio("ramp-pointmass", host="0.0.0.0", port=0)
+    try:
+        page = browser.new_page()
+        page.goto(studio.address.partition("?")[0].replace(socket.gethostname(), "127.0.0.1"))
+        page.locator("input[name=token]").fill(str(studio.gate.token))
+        page.get_by_role("button", name="Open").click()
+        page.get_by_role("button", name="climb").click(timeout=60_000)
+        assert "token" not in page.url
+        until(lambda: studio.world.goal.tolist() == pytest.approx([0.0, 0.8]))
+        page.close()
+    finally:
+        studio.close()

@@ -104,7 +104,10 @@ class Studio:
     run: tyro.conf.Positional[Path] = Path("cartpole")
     """Run folder, also one still training, exported agent, or one that comes with everystate."""
     port: int = 8080
-    """Port of the page, on 127.0.0.1; 0 takes any that is free."""
+    """Port of the page; 0 takes any that is free."""
+    host: str = "127.0.0.1"
+    """Address to serve it on, 0.0.0.0 for all networks; one that other machines can reach asks
+    for a token, which is printed."""
     seed: int = 0
     """Of where the body starts, its noise, and what surprises it."""
 
@@ -182,7 +185,7 @@ def studio(argv: list[str]) -> None:
     options = _parse(Studio, "studio", argv)
     from everystate.viewing.studio import studio
 
-    studio(options.run, port=options.port, seed=options.seed)
+    studio(options.run, host=options.host, port=options.port, seed=options.seed)
 
 
 def demo(argv: list[str]) -> None:

@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import queue
 import socket
 import threading
 import time
@@ -22,10 +21,12 @@ from everystate.envs import MujocoVectorEnv
 from everystate.errors import EverystateError
 from everystate.skills import SKILLS
 from everystate.viewing import plots
+from everystate.viewing.gate import Gate
 from everystate.viewing.stage import Stage
 from everystate.viewing.world import MASSES, Reading, World
 
-HOST = "127.0.0.1"  # nobody else may steer the agent; from afar: ssh -L 8080:127.0.0.1:8080
+HOST = "127.0.0.1"
+"""This machine alone."""
 SHOWN = 250
 """Control steps in the plots."""
 _PLOT_PERIOD = 0.25  # seconds between updates of the plots
@@ -40,29 +41,37 @@ _PLOTS = {
 class Studio:
     """A live body and the page that shows it; what is pressed there is done between two steps."""
 
-    def __init__(self, run: Path | str, *, port: int = 8080, seed: int = 0) -> None:
+    def __init__(
+        self, run: Path | str, *, host: str = HOST, port: int = 8080, seed: int = 0
+    ) -> None:
         """Loads the agent, serves the page and begins to live.
 
         Args:
             run: run folder, also one that is still training, exported agent, or a shipped one.
-            port: of the page, on this machine only; 0 takes any that is free.
+            host: address to serve the page on; one that other machines can reach asks for a token.
+            port: of the page; 0 takes any that is free.
             seed: of where the body starts, its noise, and what surprises it.
 
         Raises:
-            EverystateError: no agent there, a body that cannot be drawn, or a port in use.
+            EverystateError: no agent there, a body that cannot be drawn, or an address that
+                cannot be had.
         """
         self.run = Path(run)
         self.world = World(load(run), seed)
         env = self.world.env
         if not isinstance(env, MujocoVectorEnv):
             raise EverystateError(f"{env.name} has no model that a browser can draw")
-        with contextlib.redirect_stdout(io.StringIO()):  # its banner, which names it and not us
-            self._server = viser.ViserServer(HOST, _free(port), label="Everystate", verbose=False)
-        self.address = f"http://{HOST}:{self._server.get_port()}"
+        self.gate = Gate(host)
+        port = _free(host, port)
+        # Quietly: its banner names it and not us.
+        with contextlib.redirect_stdout(io.StringIO()), self.gate.around():
+            self._server = viser.ViserServer(host, port, label="Everystate", verbose=False)
+        self.address = self.gate.address(port)
         self._stage = Stage(self._server, env.body)
-        self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._commands: dict[str, Callable[[], None]] = {}  # The last of each control.
         self._readings: deque[Reading] = deque(maxlen=SHOWN)
         self._stopped = threading.Event()
+        self._slid_to: Float[np.ndarray, " state"] = np.empty(0, dtype=np.float32)
         self._newest: Path | None = None  # of the checkpoints that were looked at
         self._page(env)
         self._live = threading.Thread(target=self._run, name="studio", daemon=True)
@@ -113,11 +122,13 @@ class Studio:
             self._paused = gui.add_checkbox("pause", False)
             self._speed = gui.add_slider("speed", 0.1, 2.0, 0.1, 1.0)
             plan = gui.add_checkbox("plan ahead", world.plan)
-            plan.on_update(lambda _: self._do(partial(setattr, world, "plan", plan.value)))
+            plan.on_update(lambda _: self._do("plan", partial(setattr, world, "plan", plan.value)))
             fear = gui.add_checkbox("expect the worst", world.pessimistic)
-            fear.on_update(lambda _: self._do(partial(setattr, world, "pessimistic", fear.value)))
+            fear.on_update(
+                lambda _: self._do("fear", partial(setattr, world, "pessimistic", fear.value))
+            )
             mass = gui.add_slider("mass", *MASSES, 0.05, 1.0)
-            mass.on_update(lambda _: self._do(partial(world.weigh, mass.value)))
+            mass.on_update(lambda _: self._do("mass", partial(world.weigh, mass.value)))
             self._button("push", world.push, "jolts the body")
         with gui.add_folder("What it thinks"):
             self._plots = {
@@ -136,16 +147,16 @@ class Studio:
 
     def _button(self, label: str, action: Callable[[], None], hint: str) -> None:
         button = self._server.gui.add_button(label, hint=hint)
-        button.on_click(lambda _: self._do(action))
+        button.on_click(lambda _: self._do(label, action))
 
-    def _do(self, action: Callable[[], None]) -> None:
-        """Leaves it to the thread in which the body lives."""
-        self._commands.put(action)
+    def _do(self, control: str, action: Callable[[], None]) -> None:
+        """Leaves it to the thread in which the body lives: the last that was wanted in a step."""
+        self._commands[control] = action
 
     def _slid(self, event: Any) -> None:
         if event.client is not None:  # not by us
-            goal = np.array([slider.value for slider in self._sliders], dtype=np.float32)
-            self._do(partial(self.world.send, goal))
+            self._slid_to = np.array([slider.value for slider in self._sliders], dtype=np.float32)
+            self._do("goal", partial(self.world.send, self._slid_to))
 
     def _about(self, problem: str = "") -> str:
         config = self.world.agent.config
@@ -164,8 +175,8 @@ class Studio:
         while not self._stopped.is_set():
             began = time.perf_counter()
             try:
-                while not self._commands.empty():
-                    self._commands.get()()
+                while self._commands:
+                    self._commands.popitem()[1]()
                 if not self._paused.value:
                     self._readings.append(self.world.step())
                 if goal is None or not np.array_equal(goal, self.world.goal):
@@ -185,8 +196,10 @@ class Studio:
 
     def _show_goal(self, goal: Float[np.ndarray, " state"]) -> None:
         self._stage.show_goal(goal)
-        for slider, value in zip(self._sliders, goal, strict=True):
-            slider.value = float(np.clip(value, slider.min, slider.max))
+        # Sliders that brought it there may have been moved on since.
+        if not np.array_equal(goal, self._slid_to):
+            for slider, value in zip(self._sliders, goal, strict=True):
+                slider.value = float(np.clip(value, slider.min, slider.max))
         if self._map is not None:
             self._map.image = self._map_of(goal)
 
@@ -214,19 +227,24 @@ def _ranges(world: World) -> tuple[Float[np.ndarray, " state"], Float[np.ndarray
     return low, high
 
 
-def _free(port: int) -> int:
+def _free(host: str, port: int) -> int:
     """The port, if nobody has it; viser would quietly take another."""
-    with socket.socket() as probe:
-        try:
-            probe.bind((HOST, port))
-        except (OSError, OverflowError) as error:
-            raise EverystateError(f"port {port} cannot be had ({error}): choose another") from error
-        return probe.getsockname()[1]
+    if not 0 <= port < 2**16:
+        raise EverystateError(f"port {port} is none: choose one from 1 to 65535, or 0 for any")
+    try:
+        family, *_, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family) as probe:
+            probe.bind(place)
+            return probe.getsockname()[1]
+    except (OSError, UnicodeError) as error:
+        raise EverystateError(
+            f"port {port} of {host} cannot be had ({error}): choose another"
+        ) from error
 
 
-def studio(run: Path | str, *, port: int = 8080, seed: int = 0) -> None:
+def studio(run: Path | str, *, host: str = HOST, port: int = 8080, seed: int = 0) -> None:
     """Serves the page until Ctrl-C; see `Studio`."""
-    page = Studio(run, port=port, seed=seed)
+    page = Studio(run, host=host, port=port, seed=seed)
     print(f"{page.address} (Ctrl-C ends it)", flush=True)
     try:
         page.wait()
