@@ -17,9 +17,9 @@ _SIZES = (
     "--batch-size 256 --N 8 --width 128 --depth 3 --state-layers 6 --curriculum-layers 6"
     " --capacity 100000 --epochs 60"
 )
-SETTINGS: dict[str, tuple[str, int]] = {
-    "quick": ("--preset quick", 5),
-    "literal": (f"--preset literal {_SIZES}", 3),
+SETTINGS = {
+    "quick": seeds.Setting("--preset quick", seeds=5),
+    "literal": seeds.Setting(f"--preset literal {_SIZES}", seeds=3),
 }
 
 

@@ -2,7 +2,8 @@
 
 Runs go to `runs/experiments/BODY/SETTING-seedN` and resume when the command is given again. What
 figures need of them is copied to `results/BODY/SETTING/seedN`: `config.json`, `metrics.jsonl` and
-`evaluation.json`; medians and intervals over seeds are in `results/BODY/summary.json`.
+`evaluation.json`; what is there already is left as it is. Medians and intervals over seeds are in
+`results/BODY/summary.json`.
 """
 
 import argparse
@@ -11,14 +12,26 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import Queue
+from typing import NamedTuple
 
 HERE = Path(__file__).resolve().parent.parent
-Settings = Mapping[str, tuple[str, int]]
-"""Options of `everystate train` and the number of seeds, by the name of the setting."""
+
+
+class Setting(NamedTuple):
+    """What is trained, how often, and how it is measured."""
+
+    options: str
+    """Of `everystate train`."""
+    seeds: int
+    goals: int | None = None
+    """How many of the suite's it is sent to; all, if None."""
+
+
+Settings = Mapping[str, Setting]
 
 
 def results_of(body: str) -> Path:
@@ -32,10 +45,12 @@ def run_of(body: str, setting: str, seed: int) -> Path:
 
 
 def train_and_evaluate(
-    body: str, setting: str, options: Sequence[str], seed: int, core: int, *, skills: bool
+    body: str, name: str, setting: Setting, seed: int, core: int, *, skills: bool
 ) -> None:
-    """One seed: train (or go on), evaluate, copy what is worth keeping."""
-    folder, kept = run_of(body, setting, seed), results_of(body) / setting / f"seed{seed}"
+    """One seed, unless its results are there: train (or go on), evaluate, copy what is kept."""
+    folder, kept = run_of(body, name, seed), results_of(body) / name / f"seed{seed}"
+    if (kept / "evaluation.json").exists():
+        return
     folder.parent.mkdir(parents=True, exist_ok=True)
     kept.mkdir(parents=True, exist_ok=True)
 
@@ -48,18 +63,31 @@ def train_and_evaluate(
             preexec_fn=lambda: os.sched_setaffinity(0, {core}),
         )
         if done.returncode:
-            print(f"{setting} seed {seed}: `{' '.join(words)}` ended with {done.returncode}")
+            print(f"{name} seed {seed}: `{' '.join(words)}` ended with {done.returncode}")
         return done.stdout
 
     run = str(folder.relative_to(HERE))
     period = ["--evaluation-period", "20"]
-    call("train", body, *options, "--seed", str(seed), *period, "--quiet", "--run-dir", run)
-    result = call("evaluate", run, "--json", *(["--skills"] if skills else [])).splitlines()
+    call(
+        "train",
+        body,
+        *setting.options.split(),
+        "--seed",
+        str(seed),
+        *period,
+        "--quiet",
+        "--run-dir",
+        run,
+    )
+    how = ["--skills"] * skills + (
+        [] if setting.goals is None else ["--episodes", str(setting.goals)]
+    )
+    result = call("evaluate", run, "--json", *how).splitlines()
     if result:
         (kept / "evaluation.json").write_text(json.dumps(json.loads(result[-1]), indent=1) + "\n")
-    for name in ("config.json", "metrics.jsonl"):
-        shutil.copy(folder / name, kept / name)
-    print(f"{setting} seed {seed}: in {kept.relative_to(HERE)}", flush=True)
+    for file in ("config.json", "metrics.jsonl"):
+        shutil.copy(folder / file, kept / file)
+    print(f"{name} seed {seed}: in {kept.relative_to(HERE)}", flush=True)
 
 
 def summarise(body: str, settings: Settings) -> dict[str, list[Path]]:
@@ -92,25 +120,24 @@ def main(
     parser.add_argument("--settings", nargs="+", default=list(settings), choices=settings)
     parser.add_argument("--seeds", nargs="+", type=int, help="instead of all of each setting")
     parser.add_argument("--summary-only", action="store_true")
-    options, extra = parser.parse_known_args()
+    options = parser.parse_args()
     cores: Queue[int] = Queue()
     for core in sorted(os.sched_getaffinity(0)):
         cores.put(core)
 
-    def job(setting: str, seed: int) -> None:
+    def job(name: str, seed: int) -> None:
         core = cores.get()
         try:
-            words = [*settings[setting][0].split(), *extra]
-            train_and_evaluate(body, setting, words, seed, core, skills=skills)
+            train_and_evaluate(body, name, settings[name], seed, core, skills=skills)
         finally:
             cores.put(core)
 
     if not options.summary_only:
         with ThreadPoolExecutor(cores.qsize()) as pool:
             waiting = [
-                pool.submit(job, setting, seed)
-                for setting in options.settings
-                for seed in options.seeds or range(settings[setting][1])
+                pool.submit(job, name, seed)
+                for name in options.settings
+                for seed in options.seeds or range(settings[name].seeds)
             ]
             for future in waiting:
                 future.result()

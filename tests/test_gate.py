@@ -145,9 +145,9 @@ def test_no_message_stops_the_others(local: Studio) -> None:
     for garbage in (b"", b"\xff" * 100, b"\x81\xa4type\xa4None", "text"):
         assert asyncio.run(closed_by(garbage)) == 1007
     assert asyncio.run(closed_by(b"\x00" * (MESSAGE_LIMIT + 1))) == 1009
-    before = local.world._steps
+    before = local.world.steps
     time.sleep(1)
-    assert local.world._steps > before
+    assert local.world.steps > before
     assert local.world.plan == plan
 
 
@@ -173,6 +173,6 @@ def test_a_flood_waits_in_its_own_socket(local: Studio) -> None:
                 await asyncio.sleep(0.01)
             return time.monotonic() - began
 
-    before = local.world._steps
+    before = local.world.steps
     assert asyncio.run(asyncio.wait_for(flood(), 60)) > 2
-    assert local.world._steps > before + 10
+    assert local.world.steps > before + 10

@@ -156,9 +156,9 @@ def test_two_browsers_at_once_and_one_that_leaves(browser: Any, studio: Studio) 
     one, _ = opened(browser, studio)
     other, _ = opened(browser, studio)
     one.close()
-    before = len(studio._readings), studio.world._steps
+    before = len(studio._readings), studio.world.steps
     other.get_by_role("button", name="stay here").click()
-    until(lambda: studio.world._steps > before[1] + 10)
+    until(lambda: studio.world.steps > before[1] + 10)
     until(lambda: np.abs(studio.world.goal - studio.world.state).max() < 0.3)
     other.close()
 

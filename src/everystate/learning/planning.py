@@ -97,11 +97,12 @@ def plan(
     sequences = jnp.concatenate([jax.vmap(follow)(latents), wild])
     values = jax.vmap(worth)(sequences)
     for key_round in keys:
-        best = sequences[jnp.argsort(-values)[: planning.elites]]
+        order = jnp.argsort(-values)[: planning.elites]
+        best = sequences[order]
         fresh = planning.candidates - planning.elites
         noise = jax.random.normal(key_round, (fresh, *best.shape[1:]))
         spread = jnp.maximum(best.std(axis=0), _LEAST_SPREAD)
         around = jnp.clip(best.mean(axis=0)[None] + spread[None] * noise, -1, 1)
         sequences = jnp.concatenate([best, around])
-        values = jax.vmap(worth)(sequences)
+        values = jnp.concatenate([values[order], jax.vmap(worth)(around)])
     return sequences[jnp.argmax(values), 0]

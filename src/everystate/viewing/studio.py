@@ -70,6 +70,7 @@ class Studio:
         self._stage = Stage(self._server, env.body)
         self._commands: dict[str, Callable[[], None]] = {}  # The last of each control.
         self._readings: deque[Reading] = deque(maxlen=SHOWN)
+        self._control_step = env.control_step or 0.04
         self._stopped = threading.Event()
         self._slid_to: Float[np.ndarray, " state"] = np.empty(0, dtype=np.float32)
         self._newest: Path | None = None  # of the checkpoints that were looked at
@@ -170,7 +171,7 @@ class Studio:
     # --- The life ---
 
     def _run(self) -> None:
-        shown = checked = 0.0
+        due = shown = checked = 0.0
         goal = None
         while not self._stopped.is_set():
             began = time.perf_counter()
@@ -191,8 +192,9 @@ class Studio:
                     self._follow()
             except EverystateError as error:
                 self._said.content = self._about(str(error))
-            step = (self.world.env.control_step or 0.04) / self._speed.value
-            self._stopped.wait(max(0.0, step - (time.perf_counter() - began)))
+            # A late step is made up for by the next ones; a very late one is not.
+            due = max(due, began - _PLOT_PERIOD) + self._control_step / self._speed.value
+            self._stopped.wait(max(0.0, due - time.perf_counter()))
 
     def _show_goal(self, goal: Float[np.ndarray, " state"]) -> None:
         self._stage.show_goal(goal)

@@ -40,7 +40,7 @@ class World:
         self.pessimistic = agent.config.pessimism != "mean"
         self.mass = 1.0
         self._rng = np.random.default_rng(seed)
-        self._seed, self._steps = seed, 0
+        self._seed, self.steps = seed, 0
         self._performance: Performance | None = None
         self.env = self._made()
         self.state: State = self.env.reset(seed=seed)[0][0]
@@ -96,11 +96,11 @@ class World:
     def step(self) -> Reading:
         """One control step."""
         goal, actor = self.goal, self._acting()
-        seed = step_seed(self._seed, self._steps)
+        seed = step_seed(self._seed, self.steps)
         action = actor.act(self.state, goal, plan=self.plan, seed=seed)
         if self._performance:
             self._performance.step += 1
-        self._steps += 1
+        self.steps += 1
         self.state = self.env.step(action[None])[0][0]
         apart = np.abs(self.state - goal) / np.asarray(self.agent.scale.spread)
         return Reading(

@@ -1,0 +1,74 @@
+"""Whether the studio lives in real time: `python benchmarks/studio.py [--json]` (needs chromium).
+
+A body under an agent that plans, with a browser looking on: how much of its time passes in a second,
+and how much of a core the studio takes; the browser's own work is not counted. The ant is one of
+preset `quick`, which acts as slowly as any of that size, after an epoch of training.
+"""
+
+import argparse
+import json
+import os
+import platform
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import psutil
+from playwright.sync_api import Browser, sync_playwright
+
+import everystate
+from everystate.viewing.studio import Studio
+
+
+def lived(browser: Browser, run: Path | str, seconds: float) -> dict[str, float]:
+    """Seconds of the body's time and of a core's, in a second."""
+    studio = Studio(run, port=0)
+    page = browser.new_page(viewport={"width": 1200, "height": 860})
+    page.goto(studio.address)
+    page.get_by_role("button", name="surprise me").click(timeout=60_000)
+    time.sleep(10)  # programs are compiled, the page has drawn itself
+    process, world = psutil.Process(), studio.world
+    step = world.env.control_step or float("nan")
+    began, steps, cpu = time.perf_counter(), world.steps, sum(process.cpu_times()[:2])
+    time.sleep(seconds)
+    passed = time.perf_counter() - began
+    result = {
+        "body_seconds": (world.steps - steps) * step / passed,
+        "core_seconds": (sum(process.cpu_times()[:2]) - cpu) / passed,
+        "control_step_ms": 1000 * step,
+    }
+    page.close()
+    studio.close()
+    return result
+
+
+def main() -> None:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
+    parser.add_argument("--seconds", type=float, default=20.0)
+    options = parser.parse_args()
+    result: dict = {
+        "benchmark": "studio",
+        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+    }
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        ant = everystate.train(
+            "ant", run_dir=Path(folder) / "ant", epochs=1, num_updates=20, progress=False
+        )
+        for run in ("ramp-pointmass", "cartpole", ant):
+            name = everystate.load(run).config.body
+            result[name] = lived(browser, run, options.seconds)
+        browser.close()
+    if options.json:
+        print(json.dumps(result))
+    else:
+        print(*(f"{name}: {value}" for name, value in result.items()), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
