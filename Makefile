@@ -52,7 +52,8 @@ bench: setup  ## measure speed and memory, one script of benchmarks/ after the o
 	@ls benchmarks/*.py >/dev/null 2>&1 || { echo "benchmarks/ has no script yet" >&2; exit 1; }
 	@set -e; for script in benchmarks/*.py; do echo "$$script"; $(BIN)/python "$$script"; done
 
-docs: $(DOCS_STAMP)  ## build docs/ into site/, failing on a broken link
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: $(DOCS_STAMP)  ## build docs/ and the API into site/, failing on a broken link
 	$(BIN)/mkdocs build --strict --quiet
 
 $(DOCS_STAMP): requirements-docs.txt $(STAMP)

@@ -1,8 +1,8 @@
 """Whether the studio lives in real time: `python benchmarks/studio.py [--json]` (needs chromium).
 
-A body under an agent that plans, with a browser looking on: how much of its time passes in a second,
-and how much of a core the studio takes; the browser's own work is not counted. The ant is one of
-preset `quick`, which acts as slowly as any of that size, after an epoch of training.
+A body under an agent that plans, with a browser looking on: how much of its time passes in a
+second, and how much of a core the studio takes; the browser's own work is not counted. The ant is
+of preset `quick` after an epoch: it can do nothing yet, but acting takes it as long as ever.
 """
 
 import argparse

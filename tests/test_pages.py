@@ -1,0 +1,91 @@
+"""README and tutorial do what they say: every block of theirs is run, in reading order."""
+
+import os
+import re
+import shlex
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from everystate import cli, presets
+from everystate.viewing.studio import Studio
+
+ROOT = Path(__file__).parents[1]
+# Fenced with its language and, for a file to be saved, its title; or commands, indented.
+BLOCK = re.compile(r'^```(\w+)(?: title="(.+)")?\n((?:[^\n]*\n)*?)```$|((?:^    [^\n]*\n)+)', re.M)
+# Commands that are not run here, and where else, or why not.
+ELSEWHERE = {
+    "make": "by .ci/run",
+    ".": "the shell's",
+}
+SHORTER = {
+    "evaluate": ["--episodes", "3", "--no-plan"],
+    "render": ["--size", "160", "120"],
+    "studio": ["--port", "0"],
+}
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    """Here and now, `quick` is an epoch of preset `test`, and a studio is open for one look."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(presets._PRESETS, "quick", {**presets._PRESETS["test"], "epochs": 1})
+
+    def look(studio: Studio) -> None:
+        with urllib.request.urlopen(studio.address) as answer:
+            assert answer.status == 200
+
+    monkeypatch.setattr(Studio, "wait", look)
+    yield
+
+
+def run(command: str, names: dict[str, str]) -> None:
+    """One line of a shell: ours is run, with placeholders filled in; another's is accounted for."""
+    words = shlex.split(command, comments=True)
+    if not words:
+        return
+    program, arguments = Path(words[0]).name, [names.get(word, word) for word in words[1:]]
+    if program != "everystate":
+        assert words[0] in ELSEWHERE, f"who runs {command!r}?"
+        if program == "make":
+            assert arguments[0] in (ROOT / ".ci" / "run").read_text()
+        return
+    short = SHORTER.get(arguments[0], []) if arguments else []
+    if "--skills" in arguments:
+        short = [*short, "--no-plan"] if "--no-plan" not in short else short
+    assert cli.main([*arguments, *short]) == 0, command
+
+
+def read(page: str, names: dict[str, str]) -> dict[str, Any]:
+    """Runs the page; returns what its Python code left."""
+    left: dict[str, Any] = {}
+    for language, title, fenced, indented in BLOCK.findall((ROOT / page).read_text()):
+        if title:
+            Path(title).write_text(fenced)
+        elif language == "python":
+            exec(compile(fenced, page, "exec"), left)
+        elif language != "text":
+            assert not language, f"{page} has a block of {language} that nobody runs"
+            for line in indented.splitlines():
+                run(line, names)
+    return left
+
+
+@pytest.mark.usefixtures("small")
+def test_the_tutorial() -> None:
+    left = read("docs/tutorial.md", {})
+    assert np.abs(left["observation"][:3] - left["upright"][:3]).max() < 0.3
+    assert Path("cartpole-balance.mp4").stat().st_size > 10_000
+    assert Path("runs/arm.xml-quick-seed0/report").exists() is False
+    assert Path("my-arm/agent.json").exists()
+
+
+@pytest.mark.usefixtures("small")
+def test_the_readme() -> None:
+    left = read("README.md", {"RUN": "runs/ramp-pointmass-quick-seed1", "NAME": "climb"})
+    assert left["actions"].shape == (100, 2)
+    assert os.path.exists("ramp-pointmass-climb.mp4")
