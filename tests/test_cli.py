@@ -201,3 +201,12 @@ def test_exit_codes(
     monkeypatch.setattr(training, "train", fail)
     assert cli.main(["train", "ramp-pointmass"]) == code
     assert capsys.readouterr().err == ("error: a b\n" if code == 2 else "")
+
+
+def test_what_is_piped_is_plain_and_fits_a_terminal() -> None:
+    words = ["evaluate", "ramp-pointmass", "--episodes", "3", "--no-plan"]
+    done = subprocess.run([sys.executable, "-m", "everystate", *words], capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+    lines = done.stdout.decode().splitlines()
+    assert any("ledge" in line and "100.0 %" in line for line in lines)
+    assert not any("\x1b" in line or len(line) > 80 for line in lines)

@@ -4,7 +4,6 @@ import os
 import re
 import shlex
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 from everystate import cli, presets
+from everystate.evaluation import suites
 from everystate.viewing.studio import Studio
 
 ROOT = Path(__file__).parents[1]
@@ -23,16 +23,18 @@ ELSEWHERE = {
     ".": "the shell's",
 }
 SHORTER = {
-    "evaluate": ["--episodes", "3", "--no-plan"],
     "render": ["--size", "160", "120"],
     "studio": ["--port", "0"],
+    "evaluate": ["--no-plan"],
 }
 
 
 @pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    """Here and now, `quick` is an epoch of preset `test`, and a studio is open for one look."""
+def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """`quick` is an epoch of preset `test`, suites have six goals, a studio is only glanced at."""
     monkeypatch.chdir(tmp_path)
+    load = suites.load
+    monkeypatch.setattr(suites, "load", lambda *which: load(*which).subset(6))
     monkeypatch.setitem(presets._PRESETS, "quick", {**presets._PRESETS["test"], "epochs": 1})
 
     def look(studio: Studio) -> None:
@@ -40,7 +42,6 @@ def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
             assert answer.status == 200
 
     monkeypatch.setattr(Studio, "wait", look)
-    yield
 
 
 def run(command: str, names: dict[str, str]) -> None:
@@ -54,10 +55,7 @@ def run(command: str, names: dict[str, str]) -> None:
         if program == "make":
             assert arguments[0] in (ROOT / ".ci" / "run").read_text()
         return
-    short = SHORTER.get(arguments[0], []) if arguments else []
-    if "--skills" in arguments:
-        short = [*short, "--no-plan"] if "--no-plan" not in short else short
-    assert cli.main([*arguments, *short]) == 0, command
+    assert cli.main([*arguments, *SHORTER.get(arguments[0], [])]) == 0, command
 
 
 def read(page: str, names: dict[str, str]) -> dict[str, Any]:

@@ -21,6 +21,7 @@ import itertools
 import json
 import sys
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -137,13 +138,14 @@ def evaluate(argv: list[str]) -> None:
     options = _parse(Evaluate, "evaluate", argv)
     from everystate import evaluation
 
-    result = evaluation.evaluate(
-        options.run,
-        plan=options.plan,
-        goals_file=options.goals,
-        episodes=options.episodes,
-        skills=options.skills,
-    )
+    with _working("measuring"):
+        result = evaluation.evaluate(
+            options.run,
+            plan=options.plan,
+            goals_file=options.goals,
+            episodes=options.episodes,
+            skills=options.skills,
+        )
     if options.json:
         print(json.dumps(result))
         return
@@ -157,7 +159,9 @@ def report(argv: list[str]) -> None:
     options = _parse(Report, "report", argv)
     from everystate import evaluation, viewing
 
-    print(viewing.report(options.run, evaluation.evaluate(options.run)))
+    with _working("measuring, then drawing"):
+        page = viewing.report(options.run, evaluation.evaluate(options.run))
+    print(page)
 
 
 def render(argv: list[str]) -> None:
@@ -165,8 +169,8 @@ def render(argv: list[str]) -> None:
     options = _parse(Render, "render", argv)
     from everystate import viewing
 
-    print(
-        viewing.render(
+    with _working("filming"):
+        path = viewing.render(
             options.run,
             options.out,
             skill=options.skill,
@@ -177,7 +181,7 @@ def render(argv: list[str]) -> None:
             seed=options.seed,
             size=options.size,
         )
-    )
+    print(path)
 
 
 def studio(argv: list[str]) -> None:
@@ -193,7 +197,8 @@ def demo(argv: list[str]) -> None:
     run_dir = train(["ramp-pointmass", *argv], "demo", Path("runs/ramp-pointmass-demo"))
     from everystate import evaluation, viewing
 
-    result = evaluation.evaluate(run_dir)
+    with _working("measuring"):
+        result = evaluation.evaluate(run_dir)
     _print(evaluation.table(result))
     print(f"report:      {viewing.report(run_dir, result)}")
     print(f"run:         {run_dir}")
@@ -269,6 +274,20 @@ def _parse(kind: type, command: str, argv: list[str], default: Any = tyro.MISSIN
 
 def _is_drawn(line: str) -> bool:
     return not line.strip("─-╭╮╰╯├┤ ")
+
+
+@contextlib.contextmanager
+def _working(what: str) -> Iterator[None]:
+    """Says on a terminal that something takes its time, and how long it has been."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    quiet = not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=quiet) as bar:
+        bar.add_task(what, total=None)
+        yield
 
 
 def _print(table: Any) -> None:

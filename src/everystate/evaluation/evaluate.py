@@ -132,7 +132,8 @@ def table(result: Mapping[str, Any]) -> Table:
     for eps in metrics.EPS:
         shown.add_column(f"last step\n@{eps:g}", justify="right")
     shown.add_column("any step\n@0.5", justify="right")
-    shown.add_column("planning\nlast @0.5", justify="right")
+    if result["success_plan"]:
+        shown.add_column("planning\nlast @0.5", justify="right")
     for name, row in result["success"].items():
         if name == "all":
             shown.add_section()
