@@ -36,12 +36,12 @@ Settings = Mapping[str, Setting]
 
 def results_of(body: str) -> Path:
     """Where the raw results of a body are kept."""
-    return HERE / "results" / body
+    return HERE / "results" / Path(body).stem
 
 
 def run_of(body: str, setting: str, seed: int) -> Path:
     """The folder of one run."""
-    return HERE / "runs" / "experiments" / body / f"{setting}-seed{seed}"
+    return HERE / "runs" / "experiments" / Path(body).stem / f"{setting}-seed{seed}"
 
 
 def train_and_evaluate(

@@ -35,7 +35,8 @@ def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     load = suites.load
     monkeypatch.setattr(suites, "load", lambda *which: load(*which).subset(6))
-    monkeypatch.setitem(presets._PRESETS, "quick", {**presets._PRESETS["test"], "epochs": 1})
+    monkeypatch.setattr(presets, "_QUICK", presets._QUICK | presets._TINY | {"epochs": 1})
+    monkeypatch.setattr(presets, "_QUICK_BODIES", {})
 
     def look(studio: Studio) -> None:
         with urllib.request.urlopen(studio.address) as answer:

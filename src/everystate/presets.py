@@ -39,11 +39,11 @@ _PAPER = {
     "max_gradient_step": 1.0,
 }
 
+# Smaller, for two cores, and with what made the cartpole balance and an arm of one joint reach its
+# goals, by measurement (docs/algorithm.md).
 _QUICK = {
-    **_PAPER,
     "capacity": 100_000,
     "batch_size": 256,
-    "N": 8,
     "width": 128,
     "depth": 3,
     "state_layers": 6,
@@ -51,34 +51,43 @@ _QUICK = {
     "flow_shift": True,
     "frequencies": 3,
     "target_period": 20,
-    "absorb": 1.0,
-    "p_curric": 0.2,
     "learning_rate": 2e-3,
     "cooldown": 0.4,
-    "epochs": 160,
+    "goals": "visited",
+    "m": 1,
+    "weight_clip": 2.0,
+    "reward_space": "state",
+    "discount": 0.98,
+    "absorb": 0.5,
+    "goal_value_weight": 0.0,
+    "relative_goals": True,
+    "approach_share": 0.5,
+    "p_curric": 0.5,
+    "j": 2,
+    "N": 3,
+    "epochs": 200,
 }
 
-# What made the cartpole balance, by measurement (docs/algorithm.md); the ramp does better without.
+# The ramp does better by the paper's own goals: visited ones do not lead up to the ledge.
 _QUICK_BODIES: dict[str, dict[str, Any]] = {
-    "cartpole": {
-        "goals": "visited",
-        "m": 1,
-        "weight_clip": 2.0,
-        "reward_space": "state",
-        "discount": 0.98,
-        "absorb": 0.5,
-        "goal_value_weight": 0.0,
-        "relative_goals": True,
-        "approach_share": 0.5,
-        "p_curric": 0.5,
-        "j": 2,
-        "N": 3,
-        "epochs": 200,
+    "ramp-pointmass": {
+        "goals": "imagined",
+        "m": 20,
+        "weight_clip": 8.0,
+        "reward_space": "latent",
+        "discount": 1.0,
+        "absorb": 1.0,
+        "goal_value_weight": 1.0,
+        "relative_goals": False,
+        "approach_share": 0.0,
+        "p_curric": 0.2,
+        "j": 1,
+        "N": 8,
+        "epochs": 160,
     },
 }
 
-_TEST = {
-    **_QUICK,
+_TINY = {
     "capacity": 4_000,
     "batch_size": 32,
     "N": 4,
@@ -96,13 +105,7 @@ _TEST = {
     "checkpoint_period": 1,
 }
 
-_PRESETS: dict[str, dict] = {
-    "quick": _QUICK,
-    "paper": _PAPER,
-    "literal": {**_PAPER, **_STABILISERS_OFF},
-    "test": _TEST,
-}
-PRESETS: tuple[str, ...] = tuple(_PRESETS)
+PRESETS = ("quick", "paper", "literal", "test")
 
 
 def preset(name: str, body: str = "ramp-pointmass", **overrides: object) -> Config:
@@ -114,13 +117,18 @@ def preset(name: str, body: str = "ramp-pointmass", **overrides: object) -> Conf
     Raises:
         EverystateError: unknown preset or field, or a value out of range.
     """
-    if name not in _PRESETS:
-        raise EverystateError(f"unknown preset {name!r}: {suggest(name, _PRESETS)}")
+    if name not in PRESETS:
+        raise EverystateError(f"unknown preset {name!r}: {suggest(name, PRESETS)}")
     known = {field.name for field in fields(Config)}
     for field in overrides:
         if field not in known:
             raise EverystateError(f"unknown field {field!r}: {suggest(field, known)}")
-    of_body = {**_PAPER_BODIES.get(body, {"k": 10.0}), **_PRESETS[name]}
-    if name == "quick":
-        of_body |= _QUICK_BODIES.get(body, {})
-    return replace(Config(), **{**of_body, "body": body, **overrides})
+    paper = _PAPER | _PAPER_BODIES.get(body, {"k": 10.0})
+    quick = paper | _QUICK | _QUICK_BODIES.get(body, {})
+    numbers = {
+        "quick": quick,
+        "paper": paper,
+        "literal": paper | _STABILISERS_OFF,
+        "test": quick | _TINY,
+    }
+    return replace(Config(), **{**numbers[name], "body": body, **overrides})
