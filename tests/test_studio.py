@@ -27,11 +27,14 @@ def world() -> World:
 
 def test_it_goes_where_it_is_sent_and_stays(world: World) -> None:
     world.send(np.array([0.4, -0.6]))
-    readings = [world.step() for _ in range(60)]
-    assert readings[-1].distance < 0.5 < readings[0].distance
-    assert readings[-1].steps_to_goal < readings[0].steps_to_goal
-    np.testing.assert_array_equal(readings[-1].state, world.state)
-    assert np.isfinite(readings[-1].log_density)
+    for _ in range(60):
+        world.step()
+    thoughts = world.thoughts()
+    assert thoughts.distance[-1] < 0.5 < thoughts.distance[-60]
+    assert thoughts.steps_to_goal[-1] < thoughts.steps_to_goal[-60]
+    value = world.agent.value(world.state, world.goal)
+    assert thoughts.value[-1] == pytest.approx(value, abs=1e-4)
+    assert np.isfinite(thoughts).all()
 
 
 def test_a_skill_goes_through_its_goals_and_keeps_the_last(world: World) -> None:
@@ -130,7 +133,7 @@ def test_the_page_asks_nobody_else_and_a_button_sends_the_body(
     page, asked = opened(browser, studio)
     page.get_by_role("button", name="climb").click()
     until(lambda: studio.world.goal.tolist() == pytest.approx([0.0, 0.8]))
-    until(lambda: studio._readings[-1].distance < 0.5, 60)
+    until(lambda: studio.world.thoughts().distance[-1] < 0.5, 60)
     ARTEFACTS.mkdir(exist_ok=True)
     page.screenshot(path=ARTEFACTS / "studio.png")
     assert asked
@@ -156,9 +159,9 @@ def test_two_browsers_at_once_and_one_that_leaves(browser: Any, studio: Studio) 
     one, _ = opened(browser, studio)
     other, _ = opened(browser, studio)
     one.close()
-    before = len(studio._readings), studio.world.steps
+    before = studio.world.steps
     other.get_by_role("button", name="stay here").click()
-    until(lambda: studio.world.steps > before[1] + 10)
+    until(lambda: studio.world.steps > before + 10)
     until(lambda: np.abs(studio.world.goal - studio.world.state).max() < 0.3)
     other.close()
 

@@ -84,6 +84,11 @@ class Agent:
         goals = np.asarray(_propose(self.config.m, self.models, keys))
         return goals * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
 
+    def value(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
+        """V(s, g): the sum of rewards that the agent expects on its way (4.2), at most 0."""
+        states, goals, single = self._pairs(observation, goal)
+        return _returned(_values(self.models, states, goals), single)
+
     def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """About how many control steps each state is from its goal: -V(s, g) (4.2) [D18].
 

@@ -18,7 +18,7 @@ class Stage:
 
     def __init__(self, server: viser.ViserServer, body: Body) -> None:
         """Puts a body and what surrounds it on the page."""
-        self.body, self.model = body, load_model(body.xml)
+        self.body, self.model, self._server = body, load_model(body.xml), server
         self._data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self._data)
         self._bodies, self._ghosts = {}, {}
@@ -44,8 +44,9 @@ class Stage:
     def show(self, state: Float[np.ndarray, " state"]) -> None:
         """The body in a state."""
         self._pose(state)
-        for index in self._ghosts:
-            self._place(self._bodies[index], index)
+        with self._server.atomic():  # no browser draws half of it
+            for index in self._ghosts:
+                self._place(self._bodies[index], index)
 
     def show_goal(self, goal: Float[np.ndarray, " state"]) -> None:
         """Its ghost in another."""

@@ -5,7 +5,6 @@ import io
 import socket
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -23,16 +22,15 @@ from everystate.skills import SKILLS
 from everystate.viewing import plots
 from everystate.viewing.gate import Gate
 from everystate.viewing.stage import Stage
-from everystate.viewing.world import MASSES, Reading, World
+from everystate.viewing.world import MASSES, World
 
 HOST = "127.0.0.1"
 """This machine alone."""
-SHOWN = 250
-"""Control steps in the plots."""
 _PLOT_PERIOD = 0.25  # seconds between updates of the plots
 _FOLLOW_PERIOD = 5.0  # seconds between looks for a newer checkpoint of the run
 _PLOTS = {
-    "steps to go, -V": "steps_to_goal",
+    "V": "value",
+    "steps to go": "steps_to_goal",
     "distance, σ": "distance",
     "log density": "log_density",
 }
@@ -69,7 +67,6 @@ class Studio:
         self.address = self.gate.address(port)
         self._stage = Stage(self._server, env.body)
         self._commands: dict[str, Callable[[], None]] = {}  # The last of each control.
-        self._readings: deque[Reading] = deque(maxlen=SHOWN)
         self._control_step = env.control_step or 0.04
         self._stopped = threading.Event()
         self._slid_to: Float[np.ndarray, " state"] = np.empty(0, dtype=np.float32)
@@ -133,12 +130,12 @@ class Studio:
             self._button("push", world.push, "jolts the body")
         with gui.add_folder("What it thinks"):
             self._plots = {
-                reading: gui.add_uplot(
+                name: gui.add_uplot(
                     (np.arange(2.0), np.zeros(2)),
                     ({"label": "step"}, {"label": title, "stroke": plots.BLUE, "width": 2}),
                     title=title, aspect=3.0, scales={"x": uplot.Scale(time=False)},
                 )
-                for title, reading in _PLOTS.items()
+                for title, name in _PLOTS.items()
             }  # fmt: skip
             self._map = None
             if len(env.state_names) == 2:
@@ -179,14 +176,14 @@ class Studio:
                 while self._commands:
                     self._commands.popitem()[1]()
                 if not self._paused.value:
-                    self._readings.append(self.world.step())
+                    self.world.step()
                 if goal is None or not np.array_equal(goal, self.world.goal):
                     goal = self.world.goal.copy()
                     self._show_goal(goal)
                 self._stage.show(self.world.state)
                 if began - shown > _PLOT_PERIOD:
                     shown = began
-                    self._show_readings()
+                    self._show_thoughts()
                 if began - checked > _FOLLOW_PERIOD:
                     checked = began
                     self._follow()
@@ -205,12 +202,11 @@ class Studio:
         if self._map is not None:
             self._map.image = self._map_of(goal)
 
-    def _show_readings(self) -> None:
-        if len(self._readings) < 2:
-            return
-        steps = np.arange(len(self._readings), dtype=float)
-        for reading, plot in self._plots.items():
-            plot.data = (steps, np.array([getattr(r, reading) for r in self._readings]))
+    def _show_thoughts(self) -> None:
+        thoughts = self.world.thoughts()
+        ago = np.arange(1.0 - len(thoughts.value), 1.0)
+        for name, plot in self._plots.items():
+            plot.data = (ago, getattr(thoughts, name).astype(float))
 
     def _follow(self) -> None:
         """A run that is still training: takes its newest checkpoint."""

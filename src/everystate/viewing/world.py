@@ -19,15 +19,18 @@ MASSES = (0.25, 4.0)
 State = Float32[np.ndarray, " state"]
 
 
-class Reading(NamedTuple):
-    """What happened in a step, and what the agent thinks of where it is now."""
+REMEMBERED = 250
+"""Control steps that a world remembers."""
 
-    state: State
-    goal: State
-    steps_to_goal: float
-    distance: float
+
+class Thoughts(NamedTuple):
+    """What the agent thinks of the last steps, and how far from its goals it then was."""
+
+    value: Float32[np.ndarray, " steps"]
+    steps_to_goal: Float32[np.ndarray, " steps"]
+    distance: Float32[np.ndarray, " steps"]
     """max_i |s_i - g_i| in spreads of the component."""
-    log_density: float
+    log_density: Float32[np.ndarray, " steps"]
 
 
 class World:
@@ -45,6 +48,7 @@ class World:
         self.env = self._made()
         self.state: State = self.env.reset(seed=seed)[0][0]
         self._goal = self.state.copy()
+        self._states = self._goals = np.tile(self.state, (REMEMBERED, 1))
 
     @property
     def goal(self) -> State:
@@ -93,7 +97,7 @@ class World:
         if self._performance:
             self._performance.agent = self._acting()
 
-    def step(self) -> Reading:
+    def step(self) -> None:
         """One control step."""
         goal, actor = self.goal, self._acting()
         seed = step_seed(self._seed, self.steps)
@@ -102,13 +106,18 @@ class World:
             self._performance.step += 1
         self.steps += 1
         self.state = self.env.step(action[None])[0][0]
-        apart = np.abs(self.state - goal) / np.asarray(self.agent.scale.spread)
-        return Reading(
-            self.state,
-            goal,
-            float(self.agent.steps_to_goal(self.state, goal)),
-            float(apart.max()),
-            float(self.agent.log_density(self.state)),
+        self._states = np.concatenate([self._states[1:], self.state[None]])
+        self._goals = np.concatenate([self._goals[1:], goal[None]])
+
+    def thoughts(self) -> Thoughts:
+        """On each of the last `REMEMBERED` steps; before the first it had stood where it began."""
+        states, goals = self._states, self._goals
+        apart = np.abs(states - goals) / np.asarray(self.agent.scale.spread)
+        return Thoughts(
+            self.agent.value(states, goals),
+            self.agent.steps_to_goal(states, goals),
+            apart.max(axis=1),
+            self.agent.log_density(states),
         )
 
     def _acting(self) -> Agent:
