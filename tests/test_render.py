@@ -111,3 +111,12 @@ def test_the_command_names_the_file_it_wrote(
     assert Path("ramp-pointmass-goal.mp4").stat().st_size > 500
     assert cli.main(["render", "ramp-pointmass", "--goal", "0", "-0.5", *small]) == 2
     assert "is there already" in capsys.readouterr().err
+
+
+def test_a_film_without_ffmpeg_is_refused_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "none"))
+    with pytest.raises(EverystateError, match="apt-get install ffmpeg"):
+        video.check_target(tmp_path / "a.mp4")
+    assert video.check_target(tmp_path / "a.gif") == tmp_path / "a.gif"

@@ -94,11 +94,17 @@ class Studio:
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self._said = gui.add_markdown(self._about())
         with gui.add_folder("Send it"):
-            for name, skill in SKILLS.get(world.agent.config.body, {}).items():
-                self._button(name, partial(world.perform, name), skill.text)
-            self._button("surprise me", world.surprise, "a goal that the agent proposes")
-            self._button("anywhere", world.anywhere, "a goal of the evaluation's")
-            self._button("stay here", lambda: world.send(world.state), "its own state as goal")
+            skills = SKILLS.get(world.agent.config.body, {})
+            if skills:
+                performed = {name: partial(world.perform, name) for name in skills}
+                texts = (f"{name}: {skill.text}" for name, skill in skills.items())
+                self._buttons("skill", performed, "\n".join(texts))
+            sent = {
+                "surprise me": world.surprise,
+                "anywhere": world.anywhere,
+                "stay here": lambda: world.send(world.state),
+            }
+            self._buttons("or", sent, "a goal it proposes, one of the evaluation's, its own state")
         with gui.add_folder("Goal"):
             low, high = _ranges(world)
             self._sliders = [
@@ -116,6 +122,21 @@ class Studio:
             ]
             for slider in self._sliders:
                 slider.on_update(self._slid)
+        with gui.add_folder("What it thinks"):
+            self._plots = {
+                name: gui.add_uplot(
+                    (np.arange(2.0), np.zeros(2)),
+                    ({"label": "step"}, {"label": title, "stroke": plots.BLUE, "width": 2}),
+                    title=title, height=110, scales={"x": uplot.Scale(time=False)},
+                    legend={"show": False},
+                )
+                for title, name in _PLOTS.items()
+            }  # fmt: skip
+            self._map = None
+            if len(env.state_names) == 2:
+                self._map = gui.add_image(
+                    self._map_of(world.goal), label="V, and goals it proposes"
+                )
         with gui.add_folder("How"):
             self._paused = gui.add_checkbox("pause", False)
             self._speed = gui.add_slider("speed", 0.1, 2.0, 0.1, 1.0)
@@ -127,25 +148,11 @@ class Studio:
             )
             mass = gui.add_slider("mass", *MASSES, 0.05, 1.0)
             mass.on_update(lambda _: self._do("mass", partial(world.weigh, mass.value)))
-            self._button("push", world.push, "jolts the body")
-        with gui.add_folder("What it thinks"):
-            self._plots = {
-                name: gui.add_uplot(
-                    (np.arange(2.0), np.zeros(2)),
-                    ({"label": "step"}, {"label": title, "stroke": plots.BLUE, "width": 2}),
-                    title=title, aspect=3.0, scales={"x": uplot.Scale(time=False)},
-                )
-                for title, name in _PLOTS.items()
-            }  # fmt: skip
-            self._map = None
-            if len(env.state_names) == 2:
-                self._map = gui.add_image(
-                    self._map_of(world.goal), label="V, and goals it proposes"
-                )
+            self._buttons("disturb", {"push": world.push}, "jolts the body")
 
-    def _button(self, label: str, action: Callable[[], None], hint: str) -> None:
-        button = self._server.gui.add_button(label, hint=hint)
-        button.on_click(lambda _: self._do(label, action))
+    def _buttons(self, label: str, actions: dict[str, Callable[[], None]], hint: str) -> None:
+        group = self._server.gui.add_button_group(label, tuple(actions), hint=hint)
+        group.on_click(lambda _: self._do(label, actions[group.value]))
 
     def _do(self, control: str, action: Callable[[], None]) -> None:
         """Leaves it to the thread in which the body lives: the last that was wanted in a step."""

@@ -1,12 +1,14 @@
 """Videos and filmstrips of recordings, drawn from their states; nothing is simulated again."""
 
 import os
+import shutil
 import warnings
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
 import imageio.v2 as imageio
+import imageio_ffmpeg
 import numpy as np
 from jaxtyping import UInt8
 
@@ -25,7 +27,8 @@ def check_target(path: Path) -> Path:
     """The path of a picture to be made.
 
     Raises:
-        EverystateError: of another kind, already there, or in no folder. Nothing is overwritten.
+        EverystateError: of another kind, already there, in no folder, or a film without ffmpeg.
+            Nothing is overwritten.
     """
     if path.suffix not in FORMATS:
         raise EverystateError(f"cannot write {path}: {suggest(path.suffix, FORMATS)}")
@@ -33,7 +36,21 @@ def check_target(path: Path) -> Path:
         raise EverystateError(f"{path} is there already: remove it or choose another --out")
     if not path.parent.is_dir():
         raise EverystateError(f"{path.parent} is no folder: make it first, or choose another --out")
+    if path.suffix == ".mp4":
+        _find_ffmpeg()
     return path
+
+
+def _find_ffmpeg() -> None:
+    try:
+        found = shutil.which(imageio_ffmpeg.get_ffmpeg_exe())
+    except RuntimeError:  # none came with imageio-ffmpeg, and none is installed
+        found = None
+    if found is None:
+        raise EverystateError(
+            "films need ffmpeg: `apt-get install ffmpeg` and unset IMAGEIO_FFMPEG_EXE,"
+            " or give --out NAME.gif"
+        )
 
 
 def write(
