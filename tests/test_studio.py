@@ -3,8 +3,7 @@
 import os
 import shutil
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from everystate import load
 from everystate.errors import EverystateError
 from everystate.viewing.studio import Studio
 from everystate.viewing.world import World
+from waiting import until
 
 CHROMIUM = shutil.which("chromium")
 ARTEFACTS = Path(os.environ.get("EVERYSTATE_ARTEFACTS", "artefacts"))
@@ -82,14 +82,6 @@ def test_what_cannot_be_drawn_is_said(tmp_path: Path) -> None:
         Studio("ramp-pointmass", port=99999)
 
 
-def until(true: Callable[[], Any], seconds: float = 30.0) -> None:
-    """Waits; the studio lives in real time."""
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end, "it did not come about"
-        time.sleep(0.05)
-
-
 @pytest.fixture(scope="module")
 def studio() -> Iterator[Studio]:
     page = Studio("ramp-pointmass", port=0)
@@ -133,7 +125,7 @@ def test_the_page_asks_nobody_else_and_a_button_sends_the_body(
     page, asked = opened(browser, studio)
     page.get_by_role("button", name="climb").click()
     until(lambda: studio.world.goal.tolist() == pytest.approx([0.0, 0.8]))
-    until(lambda: studio.world.thoughts().distance[-1] < 0.5, 60)
+    until(lambda: studio.world.thoughts().distance[-1] < 0.5)
     ARTEFACTS.mkdir(exist_ok=True)
     page.screenshot(path=ARTEFACTS / "studio.png")
     assert asked
