@@ -15,7 +15,7 @@ from everystate.viewing.figures import comparison, skill_rates
 
 def short(change: str = "") -> seeds.Setting:
     """One thing changed, for 80 epochs, as skills come early; a fifth of the suite's goals."""
-    return seeds.Setting(f"--epochs 80 {change}", seeds=3, goals=40)
+    return seeds.Setting(f"--epochs 80 {change}", seeds=3, evaluation="--episodes 40")
 
 
 SETTINGS = {
@@ -28,6 +28,7 @@ SETTINGS = {
     "wide-weights": short("--weight-clip 8"),  # D1
     "latent-reward": short("--reward-space latent"),  # D9
     "imagined-goals": short("--goals imagined --m 20"),  # D17
+    "rarest-goals": short("--m 20"),  # D17
     "no-hindsight": short("--no-hindsight"),
 }
 

@@ -27,8 +27,8 @@ class Setting(NamedTuple):
     options: str
     """Of `everystate train`."""
     seeds: int
-    goals: int | None = None
-    """How many of the suite's it is sent to; all, if None."""
+    evaluation: str = ""
+    """Options of `everystate evaluate`."""
 
 
 Settings = Mapping[str, Setting]
@@ -62,6 +62,8 @@ def train_and_evaluate(
             cwd=HERE,
             preexec_fn=lambda: os.sched_setaffinity(0, {core}),
         )
+        if done.returncode == 130:  # Ctrl-C: the run is saved, and goes on when asked to again
+            raise KeyboardInterrupt
         if done.returncode:
             print(f"{name} seed {seed}: `{' '.join(words)}` ended with {done.returncode}")
         return done.stdout
@@ -79,9 +81,7 @@ def train_and_evaluate(
         "--run-dir",
         run,
     )
-    how = ["--skills"] * skills + (
-        [] if setting.goals is None else ["--episodes", str(setting.goals)]
-    )
+    how = [*setting.evaluation.split(), *["--skills"] * skills]
     result = call("evaluate", run, "--json", *how).splitlines()
     if result:
         (kept / "evaluation.json").write_text(json.dumps(json.loads(result[-1]), indent=1) + "\n")

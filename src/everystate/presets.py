@@ -54,7 +54,7 @@ _QUICK = {
     "learning_rate": 2e-3,
     "cooldown": 0.4,
     "goals": "visited",
-    "m": 1,
+    "m": 20,
     "weight_clip": 2.0,
     "reward_space": "state",
     "discount": 0.98,
@@ -70,6 +70,7 @@ _QUICK = {
 
 # The ramp does better by the paper's own goals: visited ones do not lead up to the ledge.
 _QUICK_BODIES: dict[str, dict[str, Any]] = {
+    "cartpole": {"m": 1},
     "ramp-pointmass": {
         "goals": "imagined",
         "m": 20,
