@@ -24,6 +24,11 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 
 FORMAT = 2
+_PROBLEMS = (
+    *(OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError),
+    safetensors.SafetensorError,
+)
+"""What reading a damaged agent may raise; JSON may have anything in the place of anything."""
 
 
 class BodyInfo(NamedTuple):
@@ -77,7 +82,7 @@ def read(folder: Path) -> tuple[Models, Scale, Config, BodyInfo]:
         EverystateError: the files are damaged or of another version.
     """
     try:
-        description = json.loads((folder / "agent.json").read_text())
+        description = read_json(folder / "agent.json")
         if description["format"] != FORMAT:
             raise EverystateError(
                 f"the agent in {folder} has format {description['format']} and this everystate "
@@ -91,9 +96,25 @@ def read(folder: Path) -> tuple[Models, Scale, Config, BodyInfo]:
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
         return models, Scale(**units), config, body
-    except (OSError, ValueError, KeyError, TypeError, safetensors.SafetensorError) as error:
+    except _PROBLEMS as error:
         problem = " ".join(f"{type(error).__name__}: {error}".split())
         raise EverystateError(f"the agent in {folder} is damaged ({problem})") from error
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The JSON object in a file.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it holds no JSON object, or one that is nested too deeply.
+    """
+    try:
+        value = json.loads(path.read_text())
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+    if not isinstance(value, dict):
+        raise ValueError(f"expected an object, found {type(value).__name__}")
+    return value
 
 
 def config_to_json(config: Config) -> dict[str, Any]:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from everystate import envs
+from everystate.agent.files import read_json
 from everystate.errors import EverystateError, suggest
 
 FOLDER = Path(__file__).with_name("suites")
@@ -91,10 +92,10 @@ def load(body: str, path: Path | str | None = None, options: Sequence[str] = ())
             return on_the_spot(body, tuple(options))
         path = FOLDER / f"{body}.json"
     try:
-        suite = from_json(json.loads(Path(path).read_text()))
+        suite = from_json(read_json(Path(path)))
     except OSError as error:
         raise EverystateError(f"cannot read goal suite {path}: {error.strerror}") from error
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise EverystateError(f"{path} is no goal suite: {error}") from error
     except KeyError as error:
         raise EverystateError(f"{path} is no goal suite: {error} is missing") from error

@@ -17,6 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from everystate.agent import config_to_json
+from everystate.agent.files import read_json
 from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import PRESETS, preset
@@ -81,8 +82,8 @@ def open_run(folder: Path, config: Config) -> Iterator[Path]:
 
 def _require_same(folder: Path, config: Config) -> None:
     try:
-        description = json.loads((folder / "config.json").read_text())
-        found, format_found = description["config"], description["format"]
+        description = read_json(folder / "config.json")
+        found, format_found = dict(description["config"]), description["format"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise EverystateError(
             f"{folder / 'config.json'} cannot be read ({error}): choose another --run-dir"

@@ -64,7 +64,7 @@ class Studio:
         # Quietly: its banner names it and not us.
         with contextlib.redirect_stdout(io.StringIO()), self.gate.around():
             self._server = viser.ViserServer(host, port, label="Everystate", verbose=False)
-        self.address = self.gate.address(port)
+        self.address = self.gate.address(self._server.get_port())
         self._stage = Stage(self._server, env.body)
         self._commands: dict[str, Callable[[], None]] = {}  # The last of each control.
         self._control_step = env.control_step or 0.04
