@@ -11,6 +11,7 @@ import pytest
 
 from everystate import cli, load, viewing
 from everystate.agent import Agent
+from everystate.envs import make
 from everystate.errors import EverystateError
 from everystate.viewing import recording, video
 
@@ -120,3 +121,15 @@ def test_a_film_without_ffmpeg_is_refused_before_any_work(
     with pytest.raises(EverystateError, match="apt-get install ffmpeg"):
         video.check_target(tmp_path / "a.mp4")
     assert video.check_target(tmp_path / "a.gif") == tmp_path / "a.gif"
+
+
+def test_a_body_that_says_nothing_of_its_looks_is_seen_whole_before_a_white_sky() -> None:
+    env = make(str(Path(__file__).parents[1] / "experiments" / "arm.xml"), 1, 0)
+    angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    states = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    frames = env.render_states(states, None, *SIZE)
+    inside = frames[:, 2:-2, 2:-2].min(axis=(1, 2, 3))
+    assert (inside < 200).all()
+    for edge in (frames[:, 0], frames[:, -1], frames[:, :, 0], frames[:, :, -1]):
+        assert edge.min() > 240
+    assert len(np.unique(frames.reshape(8, -1), axis=0)) == 8

@@ -33,7 +33,7 @@ class Body(ABC):
     low: tuple[float, ...]
     high: tuple[float, ...]
     camera: str | int = -1
-    """A camera of the model by its name, or -1 for MuJoCo's own view of the whole."""
+    """A camera of the model by its name, or -1 for a view of all that the joints can reach."""
     ghost_scale: float = 1.0
     """A goal's ghost is drawn this much larger, to be seen around a body that has reached it."""
 
@@ -87,7 +87,9 @@ def load_model(xml: Path) -> mujoco.MjModel:
     if not xml.is_file():
         raise EverystateError(f"there is no MJCF file {xml}: give the path of one")
     try:
-        model = mujoco.MjModel.from_xml_path(str(xml))
+        spec = mujoco.MjSpec.from_file(str(xml))
+        _light(spec)
+        model = spec.compile()
     except ValueError as error:
         raise EverystateError(f"{xml} does not compile: {error}") from error
     if model.nv == 0:
@@ -97,3 +99,22 @@ def load_model(xml: Path) -> mujoco.MjModel:
     # A body that blows up must be seen, not silently put back where it was built.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
+
+
+def _light(spec: mujoco.MjSpec) -> None:
+    """Gives a file that says nothing of its looks a white sky, and light enough to see it by."""
+    sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX
+    if not any(texture.type == sky for texture in spec.textures):
+        flat, white = mujoco.mjtBuiltin.mjBUILTIN_FLAT, [1, 1, 1]
+        spec.add_texture(
+            name="everystate_sky",
+            type=sky,
+            builtin=flat,
+            rgb1=white,
+            rgb2=white,
+            width=16,
+            height=96,
+        )
+    if not spec.lights:
+        spec.visual.headlight.ambient = [0.42, 0.42, 0.42]
+        spec.visual.headlight.diffuse = [0.5, 0.5, 0.5]

@@ -16,6 +16,8 @@ from everystate.envs.body import Body
 from everystate.errors import EverystateError
 
 GHOST = (0.0, 0.9, 0.2, 0.26)
+_POSES = 100
+"""Random ones, of which a view of the whole is made."""
 
 
 def render_states(
@@ -34,17 +36,44 @@ def render_states(
         goals = np.broadcast_to(np.asarray(goal, dtype=np.float64), np.shape(observations))
         ghosts = list(body.place(goals)[0])
     frames = np.empty((len(poses), height, width, 3), dtype=np.uint8)
+    camera = body.camera if isinstance(body.camera, str) else overview(model)
     with _renderer(model, width, height) as renderer:
         for frame, pose, ghost_pose in zip(frames, poses, ghosts, strict=True):
             data.qpos[:] = pose
             mujoco.mj_fwdPosition(model, data)
-            renderer.update_scene(data, camera=body.camera)
+            renderer.update_scene(data, camera=camera)
             if ghost_pose is not None:
                 ghost.qpos[:] = ghost_pose
                 mujoco.mj_kinematics(model, ghost)
                 _add_ghost(model, ghost, renderer.scene, body.ghost_scale)
             frame[:] = renderer.render()
     return frames
+
+
+def overview(model: mujoco.MjModel) -> mujoco.MjvCamera:
+    """A view of all places to which the joints can bring the body from where it was drawn."""
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    hinge, slide = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+    ends = []
+    for _ in range(_POSES):
+        data.qpos[:] = model.qpos0
+        for joint in range(model.njnt):
+            kind, at = model.jnt_type[joint], model.jnt_qposadr[joint]
+            if model.jnt_limited[joint] and kind in (hinge, slide):
+                data.qpos[at] = rng.uniform(*model.jnt_range[joint])
+            elif kind == hinge:
+                data.qpos[at] = rng.uniform(-np.pi, np.pi)
+        mujoco.mj_kinematics(model, data)
+        moving = (model.body_weldid[model.geom_bodyid] > 0) & (model.geom_rbound > 0)
+        reach = model.geom_rbound[moving, None]
+        ends += [data.geom_xpos[moving] - reach, data.geom_xpos[moving] + reach]
+    low, high = np.concatenate(ends).min(axis=0), np.concatenate(ends).max(axis=0)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = (low + high) / 2
+    fovy = np.radians(model.vis.global_.fovy)
+    camera.distance = 0.48 * float(np.linalg.norm(high - low)) / np.tan(fovy / 2)
+    camera.azimuth, camera.elevation = 90, -10
+    return camera
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from mjviser.conversions import merge_geoms
 from mujoco import mjtGeom
 
 from everystate.envs.body import Body, load_model
-from everystate.envs.rendering import GHOST
+from everystate.envs.rendering import GHOST, overview
 
 _HIDDEN = 3  # MuJoCo's viewers do not show geoms of this group and above, nor do we
 
@@ -89,14 +89,20 @@ class Stage:
         handle.position, handle.wxyz = self._data.xpos[index], self._data.xquat[index]
 
     def _look(self, server: viser.ViserServer) -> None:
-        """From where the films look, if the model says so."""
+        """From where the films look, a little farther off, as a panel covers a part of the page."""
+        camera = server.initial_camera
         if isinstance(self.body.camera, str):
-            camera = self._data.camera(self.body.camera)
-            away = -camera.xmat.reshape(3, 3)[:, 2]
-            distance = float(np.linalg.norm(camera.xpos - self.model.stat.center))
-            # A little farther off, as a panel covers a part of the page.
-            server.initial_camera.position = camera.xpos - 0.25 * distance * away
-            server.initial_camera.look_at = camera.xpos + distance * away
-            server.initial_camera.fov = float(
-                np.radians(self.model.camera(self.body.camera).fovy[0])
+            named = self._data.camera(self.body.camera)
+            forth = -named.xmat.reshape(3, 3)[:, 2]
+            distance = float(np.linalg.norm(named.xpos - self.model.stat.center))
+            look_at = named.xpos + distance * forth
+            camera.fov = float(np.radians(self.model.camera(self.body.camera).fovy[0]))
+        else:
+            free = overview(self.model)
+            turn, tilt = np.radians([free.azimuth, free.elevation])
+            forth = np.array(
+                [np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)]
             )
+            distance, look_at = free.distance, free.lookat.copy()
+            camera.fov = float(np.radians(self.model.vis.global_.fovy))
+        camera.position, camera.look_at = look_at - 1.25 * distance * forth, look_at

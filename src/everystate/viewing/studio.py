@@ -104,7 +104,9 @@ class Studio:
                 "anywhere": world.anywhere,
                 "stay here": lambda: world.send(world.state),
             }
-            self._buttons("or", sent, "a goal it proposes, one of the evaluation's, its own state")
+            self._buttons(
+                "goal", sent, "a goal it proposes, one of the evaluation's, its own state"
+            )
         with gui.add_folder("Goal"):
             low, high = _ranges(world)
             self._sliders = [
