@@ -2,15 +2,21 @@
 
     python experiments/cartpole.py
 
-`seeds.py` says where everything goes. The figures are `success.png` and `skills.png`. Settings
-other than `quick` have one seed and one thing changed: the first from `quick`, others from `short`.
+`seeds.py` says where everything goes. The figures are `success.png` and `skills.png`, the table
+`settings.md`. `short` is `quick` for fewer epochs; the others have one thing changed from it.
 """
 
+import json
+from collections.abc import Callable
 from pathlib import Path
+from statistics import mean, median
 
 import seeds
 
 from everystate.viewing.figures import comparison, skill_rates
+
+_WAYS = ("left", "right")
+_PLACES = ("left", "middle", "right")
 
 
 def short(change: str = "") -> seeds.Setting:
@@ -38,6 +44,30 @@ def draw(folders: dict[str, list[Path]]) -> None:
     results = seeds.results_of("cartpole")
     comparison({"quick": folders["quick"]}).savefig(results / "success.png", dpi=150)
     skill_rates(folders).savefig(results / "skills.png", dpi=150)
+    (results / "settings.md").write_text(table(folders))
+
+
+def table(folders: dict[str, list[Path]]) -> str:
+    """What is reached with planning, in per cent: the median over seeds and, beside it, all."""
+    columns: dict[str, Callable[[dict], float]] = {
+        "balance": lambda e: e["skills_plan"]["balance"],
+        "spin, either way": lambda e: mean(e["skills_plan"][f"spin-{w}"] for w in _WAYS),
+        "hang at three places": lambda e: mean(e["skills_plan"][f"hang-{p}"] for p in _PLACES),
+        "pass the top": lambda e: e["skills_plan"]["pass-top"],
+        "hanging goals held": lambda e: e["success_plan"]["hanging"]["0.5"]["last"],
+        "upright goals held": lambda e: e["success_plan"]["upright"]["0.5"]["last"],
+        "moving goals passed": lambda e: e["success_plan"]["moving"]["0.5"]["any"],
+    }
+    lines = ["| setting | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for name, seeds_of in folders.items():
+        files = [folder / "evaluation.json" for folder in seeds_of]
+        read = [json.loads(file.read_text()) for file in files if file.exists()]
+        cells = []
+        for column in columns.values():
+            values = [round(100 * column(one)) for one in read]
+            cells.append(f"{median(values):.0f} ({' '.join(map(str, values))})")
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":
