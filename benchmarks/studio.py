@@ -49,14 +49,14 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
     parser.add_argument("--seconds", type=float, default=20.0)
     options = parser.parse_args()
+    if not (chromium := shutil.which("chromium")):
+        parser.error("a browser has to look on: apt-get install chromium")
     result: dict = {
         "benchmark": "studio",
         "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
     }
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
-        )
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         ant = everystate.train(
             "ant", run_dir=Path(folder) / "ant", epochs=1, num_updates=20, progress=False
         )

@@ -34,7 +34,7 @@ def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """`quick` is an epoch of preset `test`, suites have six goals, a studio is only glanced at."""
     monkeypatch.chdir(tmp_path)
     load = suites.load
-    monkeypatch.setattr(suites, "load", lambda *which: load(*which).subset(6))
+    monkeypatch.setattr(suites, "load", lambda *a, **k: load(*a, **k).subset(6))
     monkeypatch.setattr(presets, "_QUICK", presets._QUICK | presets._TINY | {"epochs": 1})
     monkeypatch.setattr(presets, "_QUICK_BODIES", {})
 
