@@ -4,13 +4,11 @@ The shipped agents, one state and one goal at a time, by the policy and with pla
 rounds that take turns, in milliseconds, beside the body's control step: what is below is real time.
 """
 
-import argparse
-import json
 import os
-import platform
 import statistics
 import time
 
+import _benchmark as benchmark
 import numpy as np
 
 import everystate
@@ -28,13 +26,11 @@ def action_ms(agent: everystate.Agent, state: np.ndarray, *, plan: bool, seed: i
 
 def main() -> None:
     """Measures and prints."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
-    parser.add_argument("--rounds", type=int, default=200)
+    parser = benchmark.options(__doc__, rounds=200)
     options = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     result: dict = {"benchmark": "acting", "rounds": options.rounds, "cores": 1}
-    result["machine"] = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
+    result["machine"] = benchmark.machine()
     for name in AGENTS:
         agent, env = everystate.load(name), make(name, 1, 0)
         state = env.reset(seed=0)[0][0]
@@ -45,10 +41,7 @@ def main() -> None:
         policy, planning = (statistics.median(taken[5:]) for taken in times.values())
         step = 1000 * (env.control_step or float("nan"))
         result[name] = {"policy_ms": policy, "planning_ms": planning, "control_step_ms": step}
-    if options.json:
-        print(json.dumps(result))
-    else:
-        print(*(f"{name}: {value}" for name, value in result.items()), sep="\n")
+    benchmark.show(result, as_json=options.json)
 
 
 if __name__ == "__main__":

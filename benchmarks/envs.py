@@ -8,15 +8,13 @@ both sides. EnvPool's cartpole counts where EnvPool is installed; it has no ant 
 adds the cost of one control step of one body for 1 to 1,000 bodies.
 """
 
-import argparse
 import json
-import os
-import platform
 import statistics
 import time
 from collections.abc import Callable
 from typing import Any
 
+import _benchmark as benchmark
 import gymnasium
 import mujoco
 import mujoco.batch
@@ -169,17 +167,14 @@ def curve(body: str, seconds: float) -> dict[str, float]:
 
 def main() -> None:
     """Measures and prints."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
+    parser = benchmark.options(__doc__, rounds=9, seconds=0.5)
     parser.add_argument("--curve", action="store_true", help="also 1 to 1,000 bodies")
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--seconds", type=float, default=0.5)
     options = parser.parse_args()
     result: dict[str, Any] = {
         "benchmark": "envs",
         "num_envs": NUM_ENVS,
         "threads": THREADS,
-        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+        "machine": benchmark.machine(),
         "bodies": {b: compare(b, options.rounds, options.seconds) for b in BODIES},
     }
     if options.curve:

@@ -4,11 +4,9 @@ Random play of every built-in body, drawn from its states; the best of three rou
 slower was disturbed.
 """
 
-import argparse
-import json
-import os
-import platform
 import time
+
+import _benchmark as benchmark
 
 from everystate.envs import BODIES, make, random_play
 
@@ -27,19 +25,14 @@ def frames_per_second(body: str, frames: int) -> float:
 
 def main() -> None:
     """Measures and prints."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
-    parser.add_argument("--frames", type=int, default=300)
+    parser = benchmark.options(__doc__, frames=300)
     options = parser.parse_args()
     result = {
         "benchmark": "rendering",
         "frames_per_second": {name: frames_per_second(name, options.frames) for name in BODIES},
-        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+        "machine": benchmark.machine(),
     }
-    if options.json:
-        print(json.dumps(result))
-    else:
-        print(*(f"{name}: {value}" for name, value in result.items()), sep="\n")
+    benchmark.show(result, as_json=options.json)
 
 
 if __name__ == "__main__":

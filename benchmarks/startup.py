@@ -6,16 +6,15 @@ start, imports, warm-up, compilation, 2,500 control steps and one update. Peak m
 resident set of either process.
 """
 
-import argparse
-import json
 import os
-import platform
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+
+import _benchmark as benchmark
 
 
 def first_update_s(folder: Path, preset: str, cache: Path) -> float:
@@ -37,9 +36,7 @@ def first_update_s(folder: Path, preset: str, cache: Path) -> float:
 
 def main() -> None:
     """Measures and prints."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
-    parser.add_argument("--preset", default="quick")
+    parser = benchmark.options(__doc__, preset="quick")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
@@ -49,12 +46,9 @@ def main() -> None:
             "cold_s": first_update_s(place / "cold", options.preset, place / "cache"),
             "warm_s": first_update_s(place / "warm", options.preset, place / "cache"),
             "peak_memory_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
-            "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+            "machine": benchmark.machine(),
         }
-    if options.json:
-        print(json.dumps(result))
-    else:
-        print(*(f"{name}: {value}" for name, value in result.items()), sep="\n")
+    benchmark.show(result, as_json=options.json)
 
 
 if __name__ == "__main__":

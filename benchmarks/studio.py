@@ -5,15 +5,12 @@ second, and how much of a core the studio takes; the browser's own work is not c
 of preset `quick` after an epoch: it can do nothing yet, but acting takes it as long as ever.
 """
 
-import argparse
-import json
-import os
-import platform
 import shutil
 import tempfile
 import time
 from pathlib import Path
 
+import _benchmark as benchmark
 import psutil
 from playwright.sync_api import Browser, sync_playwright
 
@@ -45,15 +42,13 @@ def lived(browser: Browser, run: Path | str, seconds: float) -> dict[str, float]
 
 def main() -> None:
     """Measures and prints."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
-    parser.add_argument("--seconds", type=float, default=20.0)
+    parser = benchmark.options(__doc__, seconds=20.0)
     options = parser.parse_args()
     if not (chromium := shutil.which("chromium")):
         parser.error("a browser has to look on: apt-get install chromium")
     result: dict = {
         "benchmark": "studio",
-        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+        "machine": benchmark.machine(),
     }
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
@@ -64,10 +59,7 @@ def main() -> None:
             name = everystate.load(run).config.body
             result[name] = lived(browser, run, options.seconds)
         browser.close()
-    if options.json:
-        print(json.dumps(result))
-    else:
-        print(*(f"{name}: {value}" for name, value in result.items()), sep="\n")
+    benchmark.show(result, as_json=options.json)
 
 
 if __name__ == "__main__":
