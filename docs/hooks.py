@@ -18,4 +18,4 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """From docs/ they are in ../results, also on GitHub; on the site in results."""
-    return markdown.replace("](../results/", "](results/").replace('"../results/', '"results/')
+    return markdown.replace("](../results/", "](results/")

@@ -2,8 +2,8 @@
 
     python experiments/arm.py
 
-`seeds.py` says where everything goes; the figure is `success.png`. Measured is whether it swings up
-and holds from hanging (`arm_goals.json`), as random play hardly moves it.
+`seeds.py` says where everything goes; the figure is `success.png`, the table `settings.md`. Measured
+is whether it swings up and holds from hanging (`arm_goals.json`), as random play hardly moves it.
 """
 
 from pathlib import Path
@@ -33,8 +33,15 @@ SETTINGS = {
 }
 
 
+COLUMNS: dict[str, seeds.Column] = {
+    "policy": lambda e: e["success"]["all"]["0.5"]["last"],
+    "planning": lambda e: e["success_plan"]["all"]["0.5"]["last"],
+}
+
+
 def draw(folders: dict[str, list[Path]]) -> None:
-    """Training goals reached, all settings."""
+    """Training goals reached, and how often it stands up at the end."""
+    seeds.write_table(BODY, folders, COLUMNS)
     comparison(folders, over="epoch").savefig(seeds.results_of(BODY) / "success.png", dpi=150)
 
 

@@ -6,10 +6,8 @@
 `settings.md`. `short` is `quick` for fewer epochs; the others have one thing changed from it.
 """
 
-import json
-from collections.abc import Callable
 from pathlib import Path
-from statistics import mean, median
+from statistics import mean
 
 import seeds
 
@@ -39,35 +37,23 @@ SETTINGS = {
 }
 
 
+COLUMNS: dict[str, seeds.Column] = {
+    "balance": lambda e: e["skills_plan"]["balance"],
+    "spin, either way": lambda e: mean(e["skills_plan"][f"spin-{way}"] for way in _WAYS),
+    "hang at three places": lambda e: mean(e["skills_plan"][f"hang-{at}"] for at in _PLACES),
+    "pass the top": lambda e: e["skills_plan"]["pass-top"],
+    "hanging goals held": lambda e: e["success_plan"]["hanging"]["0.5"]["last"],
+    "upright goals held": lambda e: e["success_plan"]["upright"]["0.5"]["last"],
+    "moving goals passed": lambda e: e["success_plan"]["moving"]["0.5"]["any"],
+}
+
+
 def draw(folders: dict[str, list[Path]]) -> None:
     """Success over training, and the skills at its end."""
     results = seeds.results_of("cartpole")
     comparison({"quick": folders["quick"]}).savefig(results / "success.png", dpi=150)
     skill_rates(folders).savefig(results / "skills.png", dpi=150)
-    (results / "settings.md").write_text(table(folders))
-
-
-def table(folders: dict[str, list[Path]]) -> str:
-    """What is reached with planning, in per cent: the median over seeds and, beside it, all."""
-    columns: dict[str, Callable[[dict], float]] = {
-        "balance": lambda e: e["skills_plan"]["balance"],
-        "spin, either way": lambda e: mean(e["skills_plan"][f"spin-{w}"] for w in _WAYS),
-        "hang at three places": lambda e: mean(e["skills_plan"][f"hang-{p}"] for p in _PLACES),
-        "pass the top": lambda e: e["skills_plan"]["pass-top"],
-        "hanging goals held": lambda e: e["success_plan"]["hanging"]["0.5"]["last"],
-        "upright goals held": lambda e: e["success_plan"]["upright"]["0.5"]["last"],
-        "moving goals passed": lambda e: e["success_plan"]["moving"]["0.5"]["any"],
-    }
-    lines = ["| setting | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
-    for name, seeds_of in folders.items():
-        files = [folder / "evaluation.json" for folder in seeds_of]
-        read = [json.loads(file.read_text()) for file in files if file.exists()]
-        cells = []
-        for column in columns.values():
-            values = [round(100 * column(one)) for one in read]
-            cells.append(f"{median(values):.0f} ({' '.join(map(str, values))})")
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+    seeds.write_table("cartpole", folders, COLUMNS)
 
 
 if __name__ == "__main__":

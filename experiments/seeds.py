@@ -12,11 +12,12 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import Queue
-from typing import NamedTuple
+from statistics import median
+from typing import Any, NamedTuple
 
 HERE = Path(__file__).resolve().parent.parent
 
@@ -32,6 +33,8 @@ class Setting(NamedTuple):
 
 
 Settings = Mapping[str, Setting]
+Column = Callable[[dict[str, Any]], float]
+"""A share, read from an evaluation."""
 
 
 def results_of(body: str) -> Path:
@@ -52,7 +55,6 @@ def train_and_evaluate(
     if (kept / "evaluation.json").exists():
         return
     folder.parent.mkdir(parents=True, exist_ok=True)
-    kept.mkdir(parents=True, exist_ok=True)
 
     def call(*words: str) -> str:
         done = subprocess.run(
@@ -83,6 +85,7 @@ def train_and_evaluate(
     )
     how = [*setting.evaluation.split(), *["--skills"] * skills]
     result = call("evaluate", run, "--json", *how).splitlines()
+    kept.mkdir(parents=True, exist_ok=True)
     if result:
         (kept / "evaluation.json").write_text(json.dumps(json.loads(result[-1]), indent=1) + "\n")
     for file in ("config.json", "metrics.jsonl"):
@@ -105,6 +108,20 @@ def summarise(body: str, settings: Settings) -> dict[str, list[Path]]:
             summaries[name] = over_seeds(read)
     (results / "summary.json").write_text(json.dumps(summaries, indent=1) + "\n")
     return folders
+
+
+def write_table(
+    body: str, folders: Mapping[str, Sequence[Path]], columns: Mapping[str, Column]
+) -> None:
+    """settings.md: a row per setting, in per cent the median over its seeds and each of them."""
+    lines = ["| setting | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for name, found in folders.items():
+        files = [folder / "evaluation.json" for folder in found]
+        read = [json.loads(file.read_text()) for file in files if file.exists()]
+        values = [[round(100 * column(one)) for one in read] for column in columns.values()]
+        cells = [f"{median(row):.0f} ({' '.join(map(str, row))})" for row in values if row]
+        lines.append(" | ".join([f"| {name}", *cells]) + " |")
+    (results_of(body) / "settings.md").write_text("\n".join(lines) + "\n")
 
 
 def main(
