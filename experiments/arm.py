@@ -2,8 +2,9 @@
 
     python experiments/arm.py
 
-`seeds.py` says where everything goes; the figure is `success.png`, the table `settings.md`. Measured
-is whether it swings up and holds from hanging (`arm_goals.json`), as random play hardly moves it.
+`seeds.py` says where everything goes; the figure is `success.png`, the table `settings.md`. What
+is measured is whether it swings up from hanging and holds (`arm_goals.json`): by chance it hardly
+moves.
 """
 
 from pathlib import Path
