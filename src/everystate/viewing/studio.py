@@ -78,7 +78,7 @@ class Studio:
     def close(self) -> None:
         """Ends the body's life and the page."""
         self._stopped.set()
-        self._live.join(timeout=10)
+        self._live.join()  # a first step compiles, and the page must be there when it is done
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
 
