@@ -1,13 +1,11 @@
 """README and tutorial do what they say: every block of theirs is run, in reading order."""
 
-import os
 import re
 import shlex
 import urllib.request
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from everystate import cli, presets
@@ -77,9 +75,8 @@ def read(page: str, names: dict[str, str]) -> dict[str, Any]:
 @pytest.mark.usefixtures("small")
 def test_the_tutorial() -> None:
     left = read("docs/tutorial.md", {})
-    assert np.abs(left["observation"][:3] - left["upright"][:3]).max() < 0.3
+    assert left["observation"][1] > 0.95  # the cosine of the pole's angle
     assert Path("cartpole-balance.mp4").stat().st_size > 10_000
-    assert Path("runs/arm.xml-quick-seed0/report").exists() is False
     assert Path("my-arm/agent.json").exists()
 
 
@@ -87,4 +84,4 @@ def test_the_tutorial() -> None:
 def test_the_readme() -> None:
     left = read("README.md", {"RUN": "runs/ramp-pointmass-quick-seed1", "NAME": "climb"})
     assert left["actions"].shape == (100, 2)
-    assert os.path.exists("ramp-pointmass-climb.mp4")
+    assert Path("ramp-pointmass-climb.mp4").exists()

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import imageio.v2 as imageio
 import imageio_ffmpeg
+import mujoco
 import numpy as np
 import pytest
 
 from everystate import cli, load, viewing
 from everystate.agent import Agent
 from everystate.envs import make
+from everystate.envs.rendering import overview
 from everystate.errors import EverystateError
 from everystate.viewing import recording, video
 
@@ -133,3 +135,11 @@ def test_a_body_that_says_nothing_of_its_looks_is_seen_whole_before_a_white_sky(
     for edge in (frames[:, 0], frames[:, -1], frames[:, :, 0], frames[:, :, -1]):
         assert edge.min() > 240
     assert len(np.unique(frames.reshape(8, -1), axis=0)) == 8
+
+
+def test_a_body_without_shapes_has_a_view_too() -> None:
+    xml = """<mujoco><worldbody><body><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    </body></worldbody></mujoco>"""
+    camera = overview(mujoco.MjModel.from_xml_string(xml))
+    assert camera.distance > 0
+    assert np.isfinite(camera.lookat).all()

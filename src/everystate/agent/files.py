@@ -25,7 +25,12 @@ from everystate.errors import EverystateError
 
 FORMAT = 2
 _PROBLEMS = (
-    *(OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError),
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    OverflowError,
     safetensors.SafetensorError,
 )
 """What reading a damaged agent may raise; JSON may have anything in the place of anything."""

@@ -115,6 +115,6 @@ def _light(spec: mujoco.MjSpec) -> None:
             width=16,
             height=96,
         )
-    if not spec.lights:
-        spec.visual.headlight.ambient = [0.42, 0.42, 0.42]
-        spec.visual.headlight.diffuse = [0.5, 0.5, 0.5]
+    headlight, untouched = spec.visual.headlight, mujoco.MjSpec().visual.headlight
+    if not spec.lights and np.array_equal(headlight.ambient, untouched.ambient):
+        headlight.ambient, headlight.diffuse = [0.42, 0.42, 0.42], [0.5, 0.5, 0.5]

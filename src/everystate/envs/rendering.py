@@ -36,7 +36,7 @@ def render_states(
         goals = np.broadcast_to(np.asarray(goal, dtype=np.float64), np.shape(observations))
         ghosts = list(body.place(goals)[0])
     frames = np.empty((len(poses), height, width, 3), dtype=np.uint8)
-    camera = body.camera if isinstance(body.camera, str) else overview(model)
+    camera = overview(model) if body.camera == -1 else body.camera
     with _renderer(model, width, height) as renderer:
         for frame, pose, ghost_pose in zip(frames, poses, ghosts, strict=True):
             data.qpos[:] = pose
@@ -52,6 +52,11 @@ def render_states(
 
 def overview(model: mujoco.MjModel) -> mujoco.MjvCamera:
     """A view of all places to which the joints can bring the body from where it was drawn."""
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    moving = (model.body_weldid[model.geom_bodyid] > 0) & (model.geom_rbound > 0)
+    if not moving.any():
+        return camera
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     hinge, slide = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     ends = []
@@ -64,11 +69,9 @@ def overview(model: mujoco.MjModel) -> mujoco.MjvCamera:
             elif kind == hinge:
                 data.qpos[at] = rng.uniform(-np.pi, np.pi)
         mujoco.mj_kinematics(model, data)
-        moving = (model.body_weldid[model.geom_bodyid] > 0) & (model.geom_rbound > 0)
         reach = model.geom_rbound[moving, None]
         ends += [data.geom_xpos[moving] - reach, data.geom_xpos[moving] + reach]
     low, high = np.concatenate(ends).min(axis=0), np.concatenate(ends).max(axis=0)
-    camera = mujoco.MjvCamera()
     camera.lookat[:] = (low + high) / 2
     fovy = np.radians(model.vis.global_.fovy)
     camera.distance = 0.48 * float(np.linalg.norm(high - low)) / np.tan(fovy / 2)

@@ -25,7 +25,6 @@ MESSAGE_LIMIT = 1 << 20
 """Bytes of a message from a browser; sliders and buttons send a few hundred."""
 MESSAGE_RATE = 200
 """Messages a second from one browser; one that drags a slider sends about 60."""
-_COOKIE = "everystate_token"
 _FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Everystate</title>
 <body style="font: 16px/1.5 system-ui, sans-serif; max-width: 32rem; margin: 4rem auto">
 <h1 style="font-size: 1.4rem">Everystate</h1><form>
@@ -47,6 +46,7 @@ class Gate:
         self.host = host
         self.local = _is_local(host)
         self.token = None if self.local else secrets.token_urlsafe(16)
+        self._cookie = f"everystate_{secrets.token_hex(4)}"  # Ports share a browser's cookies.
 
     def address(self, port: int) -> str:
         """What to type into a browser, the token included."""
@@ -64,13 +64,13 @@ class Gate:
         origin = request.headers.get("Origin")
         if origin is not None and urllib.parse.urlsplit(origin).netloc != host:
             return _refusal(f"a page of {origin} may not open a studio of {host}")
-        if self.token is None or self._is_known(_cookie(request)):
+        if self.token is None or self._is_known(_cookie(request, self._cookie)):
             return None
         given = urllib.parse.parse_qs(asked.query).get("token", [""])[0]
         if not self._is_known(given):
             return _response(http.HTTPStatus.UNAUTHORIZED, _FORM)
         # To the page without the token, which is not to stay in the browser's history.
-        cookie = f"{_COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+        cookie = f"{self._cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"
         return _response(http.HTTPStatus.SEE_OTHER, "", {"Location": "/", "Set-Cookie": cookie})
 
     def _is_known(self, token: str) -> bool:
@@ -89,7 +89,10 @@ class Gate:
 
         def guarded(handle: Callable, *args: Any, process_request: Callable, **options: Any) -> Any:
             def process(connection: ServerConnection, request: Request) -> Response | None:
-                return self.answer(request) or process_request(connection, request)
+                response = self.answer(request) or process_request(connection, request)
+                if response is not None:  # Nor may it stand in a frame of another site's page.
+                    response.headers["Content-Security-Policy"] = "frame-ancestors 'self'"
+                return response
 
             async def unhurried(connection: ServerConnection) -> None:
                 connection.recv = _unhurried(connection.recv)  # pyright: ignore
@@ -118,7 +121,7 @@ def _unhurried(receive: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitabl
     async def receive_in_time() -> Any:
         nonlocal began, count
         passed = time.monotonic() - began
-        if passed > 1:
+        if passed >= 1:
             began, count = time.monotonic(), 0
         elif count >= MESSAGE_RATE:
             await asyncio.sleep(1 - passed)
@@ -136,12 +139,12 @@ def _is_local(host: str) -> bool:
         return False
 
 
-def _cookie(request: Request) -> str:
+def _cookie(request: Request, name: str) -> str:
     try:
         cookies = SimpleCookie("; ".join(request.headers.get_all("Cookie")))
     except CookieError:
         return ""
-    return cookies[_COOKIE].value if _COOKIE in cookies else ""
+    return cookies[name].value if name in cookies else ""
 
 
 def _refusal(why: str) -> Response:

@@ -91,7 +91,7 @@ class Stage:
     def _look(self, server: viser.ViserServer) -> None:
         """From where the films look, a little farther off, as a panel covers a part of the page."""
         camera = server.initial_camera
-        if isinstance(self.body.camera, str):
+        if self.body.camera != -1:
             named = self._data.camera(self.body.camera)
             forth = -named.xmat.reshape(3, 3)[:, 2]
             distance = float(np.linalg.norm(named.xpos - self.model.stat.center))
