@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax
+import jax.extend
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -186,3 +187,19 @@ def test_layers_are_applied_in_the_order_of_the_formula(n, alternate):
             expected = (h if forwards else h_inverse)(nonlinear, expected)
             expected = times(matrix, expected)
         np.testing.assert_allclose(encoder.transform(jnp.asarray(x)), expected, rtol=1e-8)
+
+
+def primitives(jaxpr):
+    """Every equation, those of inner programs too."""
+    for equation in jaxpr.eqns:
+        yield equation
+        for inner in jax.extend.core.jaxprs_in_params(equation.params):
+            yield from primitives(inner)
+
+
+def test_no_two_batches_of_decompositions_wait_for_each_other():
+    """Two batched LAPACK calls at once used up JAX's threads: an ant's first step never came."""
+    jaxpr = eqx.filter_make_jaxpr(lambda key: pldu_encoder(29, 20, key=key))(jax.random.key(0))[0]
+    decompositions = [e for e in primitives(jaxpr.jaxpr) if e.primitive.name in ("lu", "geqrf")]
+    assert decompositions
+    assert all(e.invars[0].aval.ndim == 2 for e in decompositions)

@@ -54,7 +54,12 @@ class PLDU(AbstractBijection):
             shifted: whether the layer also learns a shift (not in the paper, deviation D7).
             key: random key.
         """
-        permutation, lower, upper = lu(jax.random.orthogonal(key, size))
+        # One layer after the other even under vmap: JAX gives a batch of decompositions to a pool of
+        # threads and waits for it on one of them, so that two batches at once can wait for ever.
+        decomposed = jax.custom_batching.sequential_vmap(
+            lambda key: lu(jax.random.orthogonal(key, size))
+        )
+        permutation, lower, upper = decomposed(key)
         diagonal = jnp.diagonal(upper)
         self.shape = (size,)
         self.cond_shape = None
