@@ -44,9 +44,25 @@ def scored(monkeypatch, config, models, value, state, goal, key):
         return score(config, returns)
 
     monkeypatch.setattr(policy, "score", watched)
-    result = improve(config, models, value, state, goal, NO_FLOOR, key=jax.random.key(key))
+    monkeypatch.setattr(policy, "best_worst_case", best_by_all_returns)
+    result = improved(config, models, value, state, goal, key)
     assert np.all(np.abs(result.action) <= 1)
-    return result, seen[0]
+    return result, seen[0][0]
+
+
+def improved(config, models, value, state, goal, key):
+    """Of one state and one goal."""
+    key = jax.random.key(key)
+    result = improve(config, models, value, state[None], goal[None], NO_FLOOR, key=key)
+    return jax.tree.map(lambda x: x[0], result)
+
+
+def best_by_all_returns(evaluate, next_states, goals):
+    """What `best_worst_case` finds by fewer evaluations: see test_search.py."""
+    pairs, candidates, N, size = next_states.shape
+    returns = evaluate(next_states.reshape(pairs, -1, size), goals).reshape(pairs, candidates, N)
+    best = policy.score(preset("test"), returns).argmax(axis=1)
+    return best, returns[jnp.arange(pairs), best].mean(axis=1), jnp.ones(pairs)
 
 
 B = jnp.array([[0.5, 0.2], [-0.1, 0.4]])
@@ -177,14 +193,7 @@ def test_reaching_the_goal_is_what_pays():
     """With V_targ flat, the shaped reward alone leads to the goal (4.2)."""
     state, best = jnp.array([0.3, -0.2]), jnp.array([0.6, -0.4])
     config = configured(**MANY, k=10.0, max_gradient_step=0.5)
-    result = improve(
-        config,
-        models(linear(1e-3)),
-        lambda state, goal: jnp.zeros(()),
-        state,
-        state + B @ best,
-        NO_FLOOR,
-        key=jax.random.key(7),
-    )
+    flat = lambda state, goal: jnp.zeros(())  # noqa: E731
+    result = improved(config, models(linear(1e-3)), flat, state, state + B @ best, key=7)
     np.testing.assert_allclose(result.action, best, atol=0.15)
     assert -0.05 < float(result.value) <= 0

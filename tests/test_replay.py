@@ -10,11 +10,11 @@ from scipy import stats
 
 from everystate.learning import replay as rb
 from everystate.learning.replay import Transitions
+from everystate.learning.weights import AS_THEY_ARE, draw
 from everystate.presets import preset
 
 BODIES = 10
 CONFIG = preset("test", num_bodies=BODIES, capacity=400, batch_size=1000, hindsight_steps=7)
-CENTRES = jnp.zeros(2)
 
 
 def walked(first, steps):
@@ -30,74 +30,15 @@ def ring(steps, chunk=5):
     replay = rb.empty(CONFIG.capacity, 2, 1)
     for first in range(0, steps, chunk):
         new = walked(first, chunk)
-        replay = rb.add(replay, new, jnp.zeros(chunk * BODIES), jnp.zeros(chunk * BODIES))
+        replay = rb.add(CONFIG, replay, new, jnp.zeros(chunk * BODIES), jnp.zeros(chunk * BODIES))
     return replay
-
-
-def gaps(values):
-    """Log-weights with some slots of no weight, at the ends as well."""
-    return np.where(np.arange(values.size) % 3 == 0, -np.inf, values)
-
-
-RANDOM = np.random.default_rng(0)
-LOG_WEIGHTS = {
-    "equal": np.zeros(203),
-    "moderate": RANDOM.normal(0, 1, 203),
-    "huge spread": RANDOM.normal(0, 20, 203),
-    "huge values": RANDOM.normal(0, 1, 203) + 500,
-    "gaps": gaps(RANDOM.normal(0, 1, 202)),
-    "half filled": np.where(np.arange(203) < 100, RANDOM.normal(0, 1, 203), -np.inf),
-    "one slot": np.where(np.arange(203) == 117, -40.0, -np.inf),
-    "capacity 1": np.zeros(1),
-}
-
-
-@pytest.mark.parametrize("name", LOG_WEIGHTS)
-def test_draws_match_weights(name):
-    log_weights, count = LOG_WEIGHTS[name], 100_000
-    slots = np.asarray(rb.draw(jnp.asarray(log_weights, jnp.float32), count, key=jax.random.key(0)))
-    assert slots.shape == (count,)
-    assert slots.min() >= 0
-    assert slots.max() < log_weights.size
-    weights = np.exp(log_weights - log_weights.max())
-    observed = np.bincount(slots, minlength=weights.size).astype(float)
-    assert observed[weights == 0].sum() == 0
-    expected = count * weights / weights.sum()
-    # Chi-square wants at least five expected counts a cell, so the rare slots share one.
-    rare = expected < 5
-    cells = np.append(expected[~rare], expected[rare].sum())
-    counts = np.append(observed[~rare], observed[rare].sum())
-    if cells[-1] < 5:
-        assert counts[-1] <= stats.poisson.isf(1e-4, cells[-1])
-        cells, counts = cells[:-1], counts[:-1]
-    if cells.size > 1:
-        cells *= counts.sum() / cells.sum()
-        assert stats.chisquare(counts, cells).pvalue > 1e-3
-
-
-def test_no_point_of_the_unit_interval_draws_an_empty_slot(monkeypatch):
-    """The points where rounding could carry a draw over an edge, rather than random ones."""
-    for seed in range(5):
-        random = np.random.default_rng(seed)
-        weights = np.where(random.random(203) < 0.6, 0, np.exp(random.normal(0, 3, 203)))
-        edges = np.cumsum(weights) / weights.sum()
-        points = [np.zeros(1), np.float32(edges), np.full(1, 1 - 2**-24)]
-        around = np.concatenate([np.nextafter(np.float32(edges), np.float32(x)) for x in (0, 1)])
-        points = np.clip(np.concatenate([*points, around]), 0, 1 - 2**-24)
-        monkeypatch.setattr(
-            jax.random, "uniform", lambda *_, points=points: jnp.asarray(points, jnp.float32)
-        )
-        with np.errstate(divide="ignore"):
-            log_weights = jnp.asarray(np.log(weights), jnp.float32)
-        slots = np.asarray(rb.draw(log_weights, points.size, key=jax.random.key(0)))
-        assert np.all(weights[slots] > 0)
 
 
 def test_the_ring_keeps_the_newest():
     replay = ring(25)
     assert int(replay.size) == 250
     assert int(replay.position) == 250
-    assert np.isneginf(replay.goal_log_weights[250:]).all()
+    assert np.isneginf(replay.goals.log[250:]).all()
     replay = ring(55)
     assert int(replay.size) == replay.capacity == 400
     assert int(replay.position) == 150
@@ -110,10 +51,10 @@ def test_the_ring_keeps_the_newest():
 
 def test_weights_enter_their_own_buffers():
     new, weights = walked(0, 1), jnp.arange(10.0)
-    replay = rb.add(rb.empty(400, 2, 1), new, weights, 2 * weights)
-    np.testing.assert_array_equal(replay.state_log_weights[:10], np.zeros(10))
-    np.testing.assert_array_equal(replay.goal_log_weights[:10], weights)
-    np.testing.assert_array_equal(replay.transition_log_weights[:10], 2 * weights)
+    replay = rb.add(CONFIG, rb.empty(400, 2, 1), new, weights, 2 * weights)
+    np.testing.assert_array_equal(replay.states.log[:10], np.zeros(10))
+    np.testing.assert_array_equal(replay.goals.log[:10], weights)
+    np.testing.assert_array_equal(replay.of_transitions.log[:10], 2 * weights)
 
 
 @pytest.mark.parametrize("half_life", [1, 20, 50])
@@ -121,53 +62,21 @@ def test_a_states_weight_halves_in_a_half_life(half_life):
     replay = old = ring(5)
     for _ in range(half_life):
         replay = rb.decay_states(replay, float(half_life))
-    halved = np.asarray(replay.state_log_weights[:50])
+    halved = np.asarray(replay.states.log[:50])
     np.testing.assert_allclose(halved, np.full(50, -np.log(2)), rtol=2e-6)
-    assert np.isneginf(replay.state_log_weights[50:]).all()
-    assert np.array_equal(replay.goal_log_weights, old.goal_log_weights)
+    assert np.isneginf(replay.states.log[50:]).all()
+    assert np.array_equal(replay.goals.log, old.goals.log)
     # What comes later has weight 1, so that an hour-old state is half as likely to be drawn.
-    replay = rb.add(replay, walked(5, 5), jnp.zeros(50), jnp.zeros(50))
-    slots = rb.draw(replay.state_log_weights, 30_000, key=jax.random.key(1))
+    replay = rb.add(CONFIG, replay, walked(5, 5), jnp.zeros(50), jnp.zeros(50))
+    slots = draw(replay.states, AS_THEY_ARE, 30_000, key=jax.random.key(1))
     old_draws = int((slots < 50).sum())
     assert stats.binomtest(old_draws, 30_000, 1 / 3).pvalue > 1e-3
-
-
-def test_median_is_over_filled_slots():
-    filled = jnp.array([5.0, -3.0, 100.0, 1.0, 2.0])
-    empty = jnp.full(7, -jnp.inf)
-    assert float(rb.median(filled)) == 2
-    assert float(rb.median(jnp.concatenate([empty, filled]))) == 2
-    assert 1 <= float(rb.median(jnp.concatenate([filled[:4], empty]))) <= 5
-    assert float(rb.median(jnp.array([-jnp.inf, 3.0]))) == 3
-
-
-def test_weights_are_tempered_and_clipped_around_the_median():
-    log_weights = jnp.array([-jnp.inf, -100.0, 6.0, 10.0, 12.0, jnp.inf])
-    config = preset("test", weight_temper=0.5, weight_clip=8.0)
-    held = rb.temper(config, log_weights, jnp.array(10.0))
-    np.testing.assert_allclose(held, [-np.inf, -8, -2, 0, 1, 8])
-    literal = preset("test", weight_temper=1.0, weight_clip=float("inf"))
-    exact = rb.temper(literal, log_weights[:-1], jnp.array(10.0))
-    np.testing.assert_allclose(exact, [-np.inf, -110, -4, 0, 2])
-    flat = rb.temper(preset("test", weight_temper=0.0), log_weights[:-1], jnp.array(10.0))
-    np.testing.assert_allclose(flat, [-np.inf, 0, 0, 0, 0])
-
-
-def test_effective_sample_size_counts_equal_weights():
-    empty = jnp.full(5, -jnp.inf)
-    assert float(rb.effective_sample_size(jnp.full(7, 300.0))) == pytest.approx(7)
-    equal = jnp.concatenate([jnp.full(7, -2.0), empty])
-    assert float(rb.effective_sample_size(equal)) == pytest.approx(7)
-    dominant = jnp.concatenate([jnp.zeros(6), jnp.array([100.0])])
-    assert float(rb.effective_sample_size(dominant)) == pytest.approx(1)
-    two = jnp.log(jnp.array([1.0, 3.0]))
-    assert float(rb.effective_sample_size(two)) == pytest.approx(16 / 10)
 
 
 @pytest.mark.parametrize("steps", [5, 25, 40, 55, 95])
 def test_hindsight_goals_are_the_same_body_some_steps_later(steps):
     replay = ring(steps)
-    minibatch = rb.sample(CONFIG, replay, CENTRES, key=jax.random.key(2))
+    minibatch = rb.sample(CONFIG, replay, key=jax.random.key(2))
     began, goal = minibatch.transitions.observations, np.asarray(minibatch.hindsight_goals)
     ahead = goal[:, 1] - np.asarray(began[:, 1])
     np.testing.assert_array_equal(goal[:, 0], began[:, 0])
@@ -183,7 +92,7 @@ def test_hindsight_goals_are_the_same_body_some_steps_later(steps):
 def test_states_that_led_to_their_goals_are_the_same_body_some_steps_earlier(steps):
     config = dataclasses.replace(CONFIG, approach_share=1.0, approach_steps=7)
     replay = ring(steps)
-    minibatch = rb.sample(config, replay, CENTRES, key=jax.random.key(2))
+    minibatch = rb.sample(config, replay, key=jax.random.key(2))
     states, goals = np.asarray(minibatch.states), np.asarray(minibatch.goals)
     ago = goals[:, 1] - states[:, 1]
     np.testing.assert_array_equal(goals[:, 0], states[:, 0])
@@ -194,7 +103,7 @@ def test_states_that_led_to_their_goals_are_the_same_body_some_steps_earlier(ste
 
 def test_approaches_are_the_stated_share_of_the_pairs():
     config = dataclasses.replace(CONFIG, approach_share=0.5, approach_steps=1, batch_size=4000)
-    minibatch = rb.sample(config, ring(95), CENTRES, key=jax.random.key(6))
+    minibatch = rb.sample(config, ring(95), key=jax.random.key(6))
     same = (minibatch.states[:, 0] == minibatch.goals[:, 0]) & (
         jnp.abs(minibatch.states[:, 1] - minibatch.goals[:, 1]) < 2
     )
@@ -203,7 +112,7 @@ def test_approaches_are_the_stated_share_of_the_pairs():
 
 def test_the_simplest_hindsight_goal_is_the_next_state():
     config = preset("test", num_bodies=BODIES, capacity=400, batch_size=100, hindsight_steps=1)
-    minibatch = rb.sample(config, ring(55), CENTRES, key=jax.random.key(3))
+    minibatch = rb.sample(config, ring(55), key=jax.random.key(3))
     np.testing.assert_array_equal(
         minibatch.hindsight_goals, minibatch.transitions.next_observations
     )
@@ -211,7 +120,7 @@ def test_the_simplest_hindsight_goal_is_the_next_state():
 
 def test_a_minibatch_holds_what_its_slots_hold():
     replay = ring(25)
-    minibatch = rb.sample(CONFIG, replay, CENTRES, key=jax.random.key(4))
+    minibatch = rb.sample(CONFIG, replay, key=jax.random.key(4))
     reached = replay.transitions.next_observations
     np.testing.assert_array_equal(minibatch.goals, reached[minibatch.goal_slots])
     np.testing.assert_array_equal(
@@ -226,18 +135,22 @@ def test_a_minibatch_holds_what_its_slots_hold():
 
 def test_refresh_writes_only_what_was_drawn():
     replay = ring(55)
-    minibatch = rb.sample(CONFIG, replay, CENTRES, key=jax.random.key(5))
+    minibatch = rb.sample(CONFIG, replay, key=jax.random.key(5))
     few = minibatch._replace(
         goal_slots=minibatch.goal_slots[:30], transition_slots=minibatch.transition_slots[:30]
     )
     after = rb.refresh(
-        replay, few, few.goal_slots.astype(jnp.float32), -few.transition_slots.astype(jnp.float32)
+        CONFIG,
+        replay,
+        few,
+        few.goal_slots.astype(jnp.float32),
+        -few.transition_slots.astype(jnp.float32),
     )
     slots = np.arange(400)
     goals, transitions = np.isin(slots, few.goal_slots), np.isin(slots, few.transition_slots)
-    np.testing.assert_array_equal(after.goal_log_weights, np.where(goals, slots, 0))
-    np.testing.assert_array_equal(after.transition_log_weights, np.where(transitions, -slots, 0))
-    np.testing.assert_array_equal(after.state_log_weights, replay.state_log_weights)
+    np.testing.assert_array_equal(after.goals.log[:400], np.where(goals, slots, 0))
+    np.testing.assert_array_equal(after.of_transitions.log[:400], np.where(transitions, -slots, 0))
+    np.testing.assert_array_equal(after.states.log, replay.states.log)
 
 
 def test_visited_goals_are_drawn_by_their_weight_as_goals():
@@ -246,7 +159,7 @@ def test_visited_goals_are_drawn_by_their_weight_as_goals():
     states = jnp.where(jnp.arange(400) < 4, 1.0, 0.0)[:, None]
     transitions = rb.Transitions(states, jnp.zeros((400, 1)), states)
     rarity = jnp.where(states[:, 0] == 1.0, jnp.log(99.0), 0.0)
-    replay = rb.add(rb.empty(500, 1, 1), transitions, rarity, rarity)
+    replay = rb.add(config, rb.empty(500, 1, 1), transitions, rarity, rarity)
     goals = rb.visited_goals(config, replay, 4000, key=jax.random.key(0))
     assert goals.shape == (4000, 1)
     assert float(goals.mean()) == pytest.approx(0.5, abs=0.05)
@@ -262,9 +175,13 @@ def test_hindsight_does_not_cross_a_break():
     after = after.at[10:].add(100.0)
     replay = rb.empty(40, 1, 1)
     replay = rb.add(
-        replay, rb.Transitions(before, jnp.zeros((20, 1)), after), jnp.zeros(20), jnp.zeros(20)
+        config,
+        replay,
+        rb.Transitions(before, jnp.zeros((20, 1)), after),
+        jnp.zeros(20),
+        jnp.zeros(20),
     )
-    minibatch = rb.sample(config, replay, jnp.zeros(2), key=jax.random.key(1))
+    minibatch = rb.sample(config, replay, key=jax.random.key(1))
     began, goal = minibatch.transitions.observations, minibatch.hindsight_goals
     np.testing.assert_array_equal(np.asarray(began > 50), np.asarray(goal > 50))
     assert float((goal - began).max()) > 5

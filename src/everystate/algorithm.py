@@ -121,20 +121,17 @@ def observe(config: Config, state: AgentState, transitions: Transitions) -> Agen
     flat = jax.tree.map(lambda x: x.reshape(-1, x.shape[-1]), scaled)
     before = state.models.state_flow.log_prob(flat.observations)
     after = state.models.state_flow.log_prob(flat.next_observations)
-    return state._replace(replay=rb.add(state.replay, flat, -after, -before - after))
+    return state._replace(replay=rb.add(config, state.replay, flat, -after, -before - after))
 
 
 def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics]:
     """An epoch of learning: n_updates updates with their target copies, then the state decay."""
-    replay = state.replay
-    medians = [rb.median(w) for w in (replay.goal_log_weights, replay.transition_log_weights)]
-    centres = jnp.stack(medians)
     copies = config.num_updates // config.target_period
     keys = jax.random.split(named(state.key, "update", state.epoch), (copies, config.target_period))
     arrays, static = eqx.partition(state, eqx.is_array)
 
     def one(arrays: AgentState, key: PRNGKeyArray) -> tuple[AgentState, Metrics]:
-        state, metrics = update_once(config, eqx.combine(arrays, static), centres, key=key)
+        state, metrics = update_once(config, eqx.combine(arrays, static), key=key)
         return eqx.filter(state, eqx.is_array), metrics
 
     def until_next_copy(
@@ -146,7 +143,7 @@ def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics]:
     arrays, every = jax.lax.scan(until_next_copy, arrays, keys)
     state = eqx.combine(arrays, static)
     metrics = {name: values.mean() for name, values in every.items()}
-    metrics |= rb.replay_metrics(config, state.replay, centres)
+    metrics |= rb.replay_metrics(config, state.replay)
     metrics |= ep.episode_metrics(state.episodes)
     state = state._replace(
         replay=rb.decay_states(state.replay, config.half_life),
@@ -157,11 +154,11 @@ def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics]:
 
 
 def update_once(
-    config: Config, state: AgentState, centres: Float[Array, " 2"], *, key: PRNGKeyArray
+    config: Config, state: AgentState, *, key: PRNGKeyArray
 ) -> tuple[AgentState, Metrics]:
     """The body of Algorithm 1's `for update`, with all models stepping at once [D11]."""
     models = state.models
-    minibatch = rb.sample(config, state.replay, centres, key=named(key, "replay"))
+    minibatch = rb.sample(config, state.replay, key=named(key, "replay"))
     states, goals, t = minibatch.states, minibatch.goals, minibatch.transitions
 
     # s_c ~ c(s|g) takes the place of s where f makes that likely enough.
@@ -172,13 +169,10 @@ def update_once(
     use = replaced(config, lp_proposed, lp_state, key=named(key, "replace"))
     starts = jnp.where(use[:, None], proposed, states)
 
-    # a_best and v_targ for each (s, g), in blocks that fit the cache.
+    # a_best and v_targ for each (s, g).
     floor = lowest(config, state.copies)
-    keys = jax.random.split(named(key, "improve"), config.batch_size)
-    improvement = jax.lax.map(
-        lambda x: improve(config, models, state.target_value, x[0], x[1], floor, key=x[2]),
-        (starts, goals, keys),
-        batch_size=64,
+    improvement = improve(
+        config, models, state.target_value, starts, goals, floor, key=named(key, "improve")
     )
 
     gradient, losses = gradients(
@@ -186,12 +180,13 @@ def update_once(
     )
     norms = {f"gradient/{n}": optax.tree.norm(getattr(gradient, n)) for n in Models._fields}
     models, optimisers = step(config, models, gradient, state.optimisers)
-    replay = rb.refresh(state.replay, minibatch, -lp_goal, -lp_before - lp_after)
+    replay = rb.refresh(config, state.replay, minibatch, -lp_goal, -lp_before - lp_after)
     metrics = {f"loss/{name}": loss for name, loss in losses.items()} | norms
     metrics |= {
         "value/target": improvement.value.mean(),
         "value/target_min": improvement.value.min(),
         "policy/best_from_policy": improvement.from_policy.mean(),
+        "policy/evaluated": improvement.evaluated.mean(),
         "policy/off_support": improvement.off_support.max(),
         "curriculum/used": use.mean(dtype=jnp.float32),
     }

@@ -29,6 +29,23 @@ def _unit_triangular_inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]
     return inverse
 
 
+class Linear(AbstractBijection):
+    """x -> W x + shift, with W and its inverse worked out."""
+
+    shape: tuple[int, ...] = eqx.field(static=True)
+    cond_shape: None = eqx.field(static=True)
+    matrix: Float[Array, "n n"]
+    inverse_matrix: Float[Array, "n n"]
+    shift: Float[Array, " n"]
+    log_det: Float[Array, ""]
+
+    def transform_and_log_det(self, x, condition=None):
+        return jnp.asarray(x) @ self.matrix.T + self.shift, self.log_det
+
+    def inverse_and_log_det(self, y, condition=None):
+        return (jnp.asarray(y) - self.shift) @ self.inverse_matrix.T, -self.log_det
+
+
 class PLDU(AbstractBijection):
     """x -> W x + shift with W = P L D U, D = diag(sign exp(log_d)) (B.1).
 
@@ -39,6 +56,7 @@ class PLDU(AbstractBijection):
     shape: tuple[int, ...] = eqx.field(static=True)
     cond_shape: None = eqx.field(static=True)
     shifted: bool = eqx.field(static=True)
+    conditioned: bool = eqx.field(static=True)
     permutation: Int[Array, " n"]
     sign: Float[Array, " n"]
     lower: Float[Array, "n n"]
@@ -46,16 +64,19 @@ class PLDU(AbstractBijection):
     log_d: Float[Array, " n"]
     shift: Float[Array, " n"]
 
-    def __init__(self, size: int, *, shifted: bool = False, key: PRNGKeyArray) -> None:
+    def __init__(
+        self, size: int, *, shifted: bool = False, conditioned: bool = False, key: PRNGKeyArray
+    ) -> None:
         """A random rotation of R^size.
 
         Args:
             size: dimension n.
             shifted: whether the layer also learns a shift (not in the paper, deviation D7).
+            conditioned: whether D will vary from example to example.
             key: random key.
         """
-        # One layer after the other even under vmap: JAX gives a batch of decompositions to a pool of
-        # threads and waits for it on one of them, so that two batches at once can wait for ever.
+        # One layer after the other, even under vmap: JAX gives a batch of decompositions to a pool
+        # of threads and waits for it on one of them, so two batches at once can wait for ever.
         decomposed = jax.custom_batching.sequential_vmap(
             lambda key: lu(jax.random.orthogonal(key, size))
         )
@@ -64,6 +85,7 @@ class PLDU(AbstractBijection):
         self.shape = (size,)
         self.cond_shape = None
         self.shifted = shifted
+        self.conditioned = conditioned
         self.permutation = jnp.argmax(permutation, axis=1).astype(jnp.int32)
         self.sign = jnp.sign(diagonal)
         self.lower = lower
@@ -71,25 +93,48 @@ class PLDU(AbstractBijection):
         self.log_d = jnp.log(jnp.abs(diagonal))
         self.shift = jnp.zeros(size)
 
-    def _triangles(self) -> tuple[Float[Array, "n n"], Float[Array, "n n"]]:
-        identity = jnp.eye(self.shape[0])
-        return jnp.tril(self.lower, -1) + identity, jnp.triu(self.upper, 1) + identity
-
     def transform_and_log_det(self, x, condition=None):
-        x = jnp.asarray(x)
-        lower, upper = self._triangles()
-        scale = jax.lax.stop_gradient(self.sign) * jnp.exp(self.log_d)
-        y = (lower @ (scale * (upper @ x)))[self.permutation]
+        if not self.conditioned:
+            return self.linear().transform_and_log_det(x)
+        y = (self._scale() * (jnp.asarray(x) @ self._upper().T)) @ self._permuted_lower().T
         return y + self.shift if self.shifted else y, self.log_d.sum()
 
     def inverse_and_log_det(self, y, condition=None):
-        y = jnp.asarray(y)
-        lower, upper = self._triangles()
-        scale = jax.lax.stop_gradient(self.sign) * jnp.exp(self.log_d)
-        y = y - self.shift if self.shifted else y
-        y = y[jnp.argsort(self.permutation)]
-        y = _unit_triangular_inverse(lower) @ y / scale
-        return _unit_triangular_inverse(upper) @ y, -self.log_d.sum()
+        if not self.conditioned:
+            return self.linear().inverse_and_log_det(y)
+        y = jnp.asarray(y) - self.shift if self.shifted else jnp.asarray(y)
+        scaled = y @ self._permuted_lower_inverse().T / self._scale()
+        return scaled @ _unit_triangular_inverse(self._upper()).T, -self.log_d.sum()
+
+    def linear(self) -> Linear:
+        """The same map as one matrix, which serves all examples where D does not vary."""
+        scale = jnp.broadcast_to(self._scale()[:, None], self.lower.shape)
+        return Linear(
+            shape=self.shape,
+            cond_shape=None,
+            matrix=self._permuted_lower() @ (scale * self._upper()),
+            inverse_matrix=_unit_triangular_inverse(self._upper())
+            @ (self._permuted_lower_inverse() / scale),
+            shift=self.shift if self.shifted else jnp.zeros_like(self.shift),
+            log_det=self.log_d.sum(),
+        )
+
+    # P joins L, once for all examples: to permute each of them costs more than all the rest.
+
+    def _permuted_lower(self) -> Float[Array, "n n"]:
+        return self._lower()[self.permutation]
+
+    def _permuted_lower_inverse(self) -> Float[Array, "n n"]:
+        return _unit_triangular_inverse(self._lower())[:, self.permutation]
+
+    def _lower(self) -> Float[Array, "n n"]:
+        return jnp.tril(self.lower, -1) + jnp.eye(self.shape[0])
+
+    def _upper(self) -> Float[Array, "n n"]:
+        return jnp.triu(self.upper, 1) + jnp.eye(self.shape[0])
+
+    def _scale(self) -> Float[Array, " n"]:
+        return jax.lax.stop_gradient(self.sign) * jnp.exp(self.log_d)
 
     def elementwise_parameters(self) -> list[Any]:
         """What a conditional flow sets per condition (B.1)."""
@@ -114,38 +159,61 @@ class SmoothPReLU(AbstractBijection):
         self.log_alpha = jnp.zeros(size)
         self.log_beta = jnp.zeros(size)
 
-    # Both directions are written so that a small slope survives beside a large one in float32.
+    # Both directions are written without branches, and so that a small slope survives beside a
+    # large one in float32.
 
     def transform_and_log_det(self, x, condition=None):
         x = jnp.asarray(x)
         alpha, beta = jnp.exp(self.log_alpha), jnp.exp(self.log_beta)
-        middle = jnp.clip(x, -1, 1)  # Keeps the branch not taken from overflowing.
-        curve = (beta * (1 + middle) ** 2 - alpha * (1 - middle) ** 2) / 4
-        slope = (beta * (1 + middle) + alpha * (1 - middle)) / 2
-        outside = jnp.where(x < 0, alpha * x, beta * x)
-        return jnp.where(jnp.abs(x) < 1, curve, outside), jnp.log(slope).sum()
+        middle = jnp.clip(x, -1, 1)
+        right, left = 1 + middle, 1 - middle
+        y = beta * (right**2 / 4 + jnp.maximum(x - 1, 0)) - alpha * (
+            left**2 / 4 + jnp.maximum(-1 - x, 0)
+        )
+        return y, jnp.log((beta * right + alpha * left) / 2).sum()
 
     def inverse_and_log_det(self, y, condition=None):
         y = jnp.asarray(y)
         alpha, beta = jnp.exp(self.log_alpha), jnp.exp(self.log_beta)
-        a, b = (beta - alpha) / 4, (beta + alpha) / 2
-        inside = (y > -alpha) & (y < beta)
         middle = jnp.clip(y, -alpha, beta)
-        # The usual root formula divides by a, which is 0 at alpha = beta; this one does not.
-        least = jnp.minimum(alpha, beta)
-        slope = jnp.sqrt(jnp.maximum(alpha * beta + (beta - alpha) * middle, least**2))
-        outside = jnp.where(y < 0, y / alpha, y / beta)
-        log_outside = jnp.where(y < 0, self.log_alpha, self.log_beta)
-        log_slope = jnp.where(inside, jnp.log(slope), log_outside)
-        return jnp.where(inside, 2 * (middle - a) / (b + slope), outside), -log_slope.sum()
+        # slope^2 = alpha beta + (beta - alpha) y, from the end where the slope is least.
+        from_least = jnp.where(alpha < beta, middle + alpha, beta - middle)
+        squared = jnp.minimum(alpha, beta) ** 2 + jnp.abs(beta - alpha) * from_least
+        # The usual root formula divides by beta - alpha, which can be 0; this one does not.
+        x = (4 * middle - (beta - alpha)) / (beta + alpha + 2 * jnp.sqrt(squared))
+        beyond = jnp.maximum(y - beta, 0) / beta + jnp.minimum(y + alpha, 0) / alpha
+        return x + beyond, -jnp.log(squared).sum() / 2
 
     def elementwise_parameters(self) -> list[Any]:
         """What a conditional flow sets per condition (B.1)."""
         return [self.log_alpha, self.log_beta]
 
 
+class Recomputed(AbstractBijection):
+    """A bijection of which a gradient keeps only the input: the rest is quicker computed again."""
+
+    shape: tuple[int, ...] = eqx.field(static=True)
+    cond_shape: None = eqx.field(static=True)
+    bijection: AbstractBijection
+
+    def __init__(self, bijection: AbstractBijection) -> None:
+        self.shape, self.cond_shape, self.bijection = bijection.shape, None, bijection
+
+    def transform_and_log_det(self, x, condition=None):
+        return eqx.filter_checkpoint(lambda b, x: b.transform_and_log_det(x))(self.bijection, x)
+
+    def inverse_and_log_det(self, y, condition=None):
+        return eqx.filter_checkpoint(lambda b, y: b.inverse_and_log_det(y))(self.bijection, y)
+
+
 def pldu_encoder(
-    size: int, layers: int, *, shifted: bool = False, alternate: bool = True, key: PRNGKeyArray
+    size: int,
+    layers: int,
+    *,
+    shifted: bool = False,
+    conditioned: bool = False,
+    alternate: bool = True,
+    key: PRNGKeyArray,
 ) -> AbstractBijection:
     """f_enc(x) = W_1 h_1(W_2 h_2^-1(... W_n x)), h and its inverse alternating inwards (B.1).
 
@@ -153,17 +221,18 @@ def pldu_encoder(
         size: dimension of x.
         layers: n, the number of matrices.
         shifted: whether matrices come with a shift [D7].
+        conditioned: whether their D will vary from example to example.
         alternate: False makes every nonlinearity an h, for the ablation.
         key: random key.
     """
     outermost, *keys = jax.random.split(key, layers)
 
     def matrix(key: PRNGKeyArray) -> PLDU:
-        return PLDU(size, shifted=shifted, key=key)
+        return PLDU(size, shifted=shifted, conditioned=conditioned, key=key)
 
-    def pair(keys: Key[Array, "2"]) -> Chain:
+    def pair(keys: Key[Array, "2"]) -> Recomputed:
         even = Invert(SmoothPReLU(size)) if alternate else SmoothPReLU(size)
-        return Chain([matrix(keys[0]), even, matrix(keys[1]), SmoothPReLU(size)])
+        return Recomputed(Chain([matrix(keys[0]), even, matrix(keys[1]), SmoothPReLU(size)]))
 
     # W_n comes first. An even n leaves one (W_n, h_{n-1}) before the pairs that end in h_1.
     single = [matrix(keys.pop()), SmoothPReLU(size)] if len(keys) % 2 else []

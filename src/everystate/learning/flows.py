@@ -9,6 +9,8 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 from flowjax import flows as flowjax_flows
 from flowjax.bijections import AbstractBijection, Invert, RationalQuadraticSpline
 from flowjax.distributions import AbstractTransformed, StandardNormal, Transformed
@@ -29,6 +31,18 @@ def encode(flow: AbstractTransformed, x: Float[Array, " n"]) -> Float[Array, " n
 def decode(flow: AbstractTransformed, z: Float[Array, " n"]) -> Float[Array, " n"]:
     """x = f_dec(z), one example."""
     return flow.bijection.transform(z)
+
+
+def frozen(flow: AbstractTransformed) -> AbstractTransformed:
+    """The same, with the matrices of its unconditional layers worked out, for repeated use."""
+
+    def linear(node: Any) -> Any:
+        if not isinstance(node, PLDU) or node.conditioned:
+            return node
+        stacked = node.lower.ndim == 3
+        return eqx.filter_vmap(PLDU.linear)(node) if stacked else node.linear()
+
+    return jax.tree.map(linear, flow, is_leaf=lambda node: isinstance(node, PLDU))
 
 
 def state_flow(
@@ -70,7 +84,7 @@ class ConditionalFlow(eqx.Module):
         """Sizes are those of the variable and of its condition; see `state_flow`."""
         key_encoder, key_network = jax.random.split(key)
         self.encoder = pldu_encoder(
-            size, layers, shifted=shifted, alternate=alternate, key=key_encoder
+            size, layers, shifted=shifted, conditioned=True, alternate=alternate, key=key_encoder
         )
         outputs = sum(p.size for p in _elementwise_parameters(self.encoder))
         start = Network(condition_size, outputs, key=key_network, **network)
@@ -83,12 +97,10 @@ class ConditionalFlow(eqx.Module):
 
     def __call__(self, condition: Float[Array, " c"]) -> AbstractTransformed:
         """The distribution given one condition."""
-        moves, parameters = self.network(condition), _elementwise_parameters(self.encoder)
-        moved, start = [], 0
-        for parameter in parameters:
-            move = moves[start : start + parameter.size].reshape(parameter.shape)
-            moved.append(parameter + move)
-            start += parameter.size
+        parameters = _elementwise_parameters(self.encoder)
+        ends = np.cumsum([parameter.size for parameter in parameters])
+        moves = jnp.split(self.network(condition), ends[:-1])
+        moved = [p + move.reshape(p.shape) for p, move in zip(parameters, moves, strict=True)]
         encoder = eqx.tree_at(_elementwise_parameters, self.encoder, moved)
         return Transformed(StandardNormal(encoder.shape), Invert(encoder))
 

@@ -10,8 +10,9 @@ from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
-from everystate.learning.flows import ConditionalFlow, FlowJAXConditionalFlow, decode
+from everystate.learning.flows import ConditionalFlow, FlowJAXConditionalFlow, decode, frozen
 from everystate.learning.rewards import closeness, place
+from everystate.learning.search import best_worst_case, blocked
 from everystate.learning.value import backup
 
 
@@ -28,16 +29,18 @@ class Policy(eqx.Module):
 
 
 class Improvement(NamedTuple):
-    """The best candidate and what it is worth."""
+    """The best candidate for each (s, g), and what it is worth."""
 
-    action: Float[Array, " a"]
+    action: Float[Array, "batch a"]
     """a_best, in [-1, 1]."""
-    value: Float[Array, ""]
+    value: Float[Array, " batch"]
     """v_targ: mean of r + V_targ over the N rollouts of a_best."""
-    from_policy: Float[Array, ""]
+    from_policy: Float[Array, " batch"]
     """1 where a_best started from a policy sample rather than a random action."""
-    off_support: Float[Array, ""]
+    off_support: Float[Array, " batch"]
     """Largest |component| of the imagined next states, in scaled units."""
+    evaluated: Float[Array, " batch"]
+    """Share of all returns that had to be evaluated to find a_best."""
 
 
 def score(config: Config, returns: Float[Array, "*candidates N"]) -> Float[Array, "*candidates"]:
@@ -56,38 +59,72 @@ def improve(
     config: Config,
     models: Any,
     target_value: Callable,
-    state: Float[Array, " s"],
-    goal: Float[Array, " s"],
+    states: Float[Array, "batch s"],
+    goals: Float[Array, "batch s"],
     floor: Float[Array, ""],
     *,
     key: PRNGKeyArray,
 ) -> Improvement:
-    """argmax over candidates of the worst of N imagined outcomes (eq. 3), for one (s, g).
-
-    Candidates are j policy samples and j random actions, each also moved along its gradient of
-    r + V_targ. Actions are clipped to [-1, 1]. All candidates share the N noises.
+    """argmax over candidates of the worst of N imagined outcomes (eq. 3), for every (s, g).
 
     Args:
         config: hyper-parameters j, N, k, pessimism, ...
         models: anything with `state_flow`, `dynamics` and `policy`, as in `Models`.
         target_value: V_targ(s, g).
-        state: s, scaled.
-        goal: g, scaled.
+        states: s, scaled.
+        goals: g, scaled.
         floor: lowest value that V_targ can have [D4].
         key: random key.
     """
-    key_policy, key_random, key_step, key_rollouts, key_sensor = jax.random.split(key, 5)
-    place_goal = place(config, models.state_flow, goal)
+    state_flow = frozen(models.state_flow)
 
-    def imagined(
-        dynamics: AbstractTransformed, latent: Float[Array, " s"], noise: Float[Array, " s"]
-    ) -> tuple[Float[Array, ""], Float[Array, " s"]]:
-        next_state = decode(dynamics, latent) + noise
-        near = closeness(config, place(config, models.state_flow, next_state), place_goal)
-        return backup(config, near, target_value(next_state, goal), floor), next_state
+    def returns(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
+        """r + V_targ(s', g)."""
+        places = (place(config, state_flow, x) for x in (next_state, goal))
+        return backup(config, closeness(config, *places), target_value(next_state, goal), floor)
+
+    def proposed(s: Array, g: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
+        return propose(config, models, returns, s, g, key=key)
+
+    keys = jax.random.split(key, states.shape[0])
+    candidates, next_states = jax.vmap(proposed)(states, goals, keys)
+    evaluate = blocked(returns)
+    every = jnp.arange(states.shape[0], dtype=jnp.int32)
+    if config.pessimism == "percentile" and config.percentile == 0:
+        best, value, evaluated = best_worst_case(evaluate, next_states, goals)
+    else:
+        outcomes = evaluate(next_states.reshape(len(states), -1, states.shape[1]), goals)
+        outcomes = outcomes.reshape(next_states.shape[:3])
+        best = score(config, outcomes).argmax(axis=1)
+        value, evaluated = outcomes[every, best].mean(axis=1), jnp.ones(len(states))
+    is_policy = (best % (2 * config.j)) < config.j
+    return Improvement(
+        candidates[every, best],
+        value,
+        is_policy.astype(states.dtype),
+        jnp.abs(next_states).max(axis=(1, 2, 3)),
+        evaluated,
+    )
+
+
+def propose(
+    config: Config,
+    models: Any,
+    returns: Callable,
+    state: Float[Array, " s"],
+    goal: Float[Array, " s"],
+    *,
+    key: PRNGKeyArray,
+) -> tuple[Float[Array, "candidates a"], Float[Array, "candidates N s"]]:
+    """Candidate actions for one (s, g), and N imagined next states of each.
+
+    Candidates are j policy samples and j random actions, each also moved along its gradient of
+    r + V_targ. Actions are clipped to [-1, 1]. All candidates share the N noises.
+    """
+    key_policy, key_random, key_step, key_rollouts, key_sensor = jax.random.split(key, 5)
 
     def outcome(action: Float[Array, " a"], latent: Float[Array, " s"]) -> Float[Array, ""]:
-        return imagined(models.dynamics(state, action), latent, jnp.zeros_like(state))[0]
+        return returns(decode(models.dynamics(state, action), latent), goal)
 
     policy = models.policy(state, goal)
     latents = jax.random.normal(key_policy, (config.j, *policy.shape))
@@ -101,18 +138,13 @@ def improve(
     candidates = jnp.concatenate([started, jnp.clip(started + steps, -1, 1)])
 
     rollouts = jax.random.normal(key_rollouts, (config.N, state.size))
-    sensor = config.sensor_noise * jax.random.normal(key_sensor, (config.N, state.size))
 
-    def returns(action: Float[Array, " a"]) -> tuple[Float[Array, " N"], Float[Array, "N s"]]:
+    def imagined(action: Float[Array, " a"]) -> Float[Array, "N s"]:
         dynamics = models.dynamics(state, action)
-        return jax.vmap(lambda z, e: imagined(dynamics, z, e))(rollouts, sensor)
+        return jax.vmap(lambda z: decode(dynamics, z))(rollouts)
 
-    outcomes, next_states = jax.vmap(returns)(candidates)
-    best = jnp.argmax(score(config, outcomes))
-    is_policy = (best % (2 * config.j)) < config.j
-    return Improvement(
-        candidates[best],
-        outcomes[best].mean(),
-        is_policy.astype(state.dtype),
-        jnp.abs(next_states).max(),
-    )
+    next_states = jax.vmap(imagined)(candidates)
+    if config.sensor_noise:
+        sensor = config.sensor_noise * jax.random.normal(key_sensor, rollouts.shape)
+        next_states += jnp.broadcast_to(sensor, next_states.shape)
+    return candidates, next_states

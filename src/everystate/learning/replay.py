@@ -1,8 +1,7 @@
 """Weighted replay (Appendix A): one ring of transitions under three weightings.
 
 Every s' enters the state, the goal and the transition buffer of Algorithm 1 at the same moment,
-so one ring holds the items and three vectors hold the weights, as logs: in float32 the linear
-weights 1/p_f underflow.
+so one ring holds the items and three sets of weights go with it.
 """
 
 import math
@@ -13,7 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.learning import weights as w
 from everystate.learning.keys import named
+from everystate.learning.weights import AS_THEY_ARE, Weights, tempering
 
 
 class Transitions(NamedTuple):
@@ -25,44 +26,51 @@ class Transitions(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """The ring. Slots not yet filled have log-weight -inf."""
+    """The ring, and the weights of its items as states, as goals and as transitions."""
 
     transitions: Transitions
-    state_log_weights: Float[Array, " capacity"]
-    goal_log_weights: Float[Array, " capacity"]
-    transition_log_weights: Float[Array, " capacity"]
+    states: Weights
+    goals: Weights
+    of_transitions: Weights
     position: Int[Array, ""]
     size: Int[Array, ""]
 
     @property
     def capacity(self) -> int:
         """Number of slots."""
-        return self.state_log_weights.shape[0]
+        return self.transitions.actions.shape[0]
 
 
 def empty(capacity: int, state_size: int, action_size: int) -> Replay:
     """A ring without items."""
-    nothing = jnp.full(capacity, -jnp.inf)
     states = jnp.zeros((capacity, state_size))
     transitions = Transitions(states, jnp.zeros((capacity, action_size)), jnp.zeros_like(states))
     zero = jnp.zeros((), jnp.int32)
-    return Replay(transitions, nothing, nothing.copy(), nothing.copy(), zero, zero.copy())
+    return Replay(
+        transitions,
+        w.no_weights(capacity),
+        w.no_weights(capacity),
+        w.no_weights(capacity),
+        zero,
+        zero.copy(),
+    )
 
 
 def add(
+    config: Config,
     replay: Replay,
     transitions: Transitions,
     goal_log_weights: Float[Array, " n"],
     transition_log_weights: Float[Array, " n"],
 ) -> Replay:
     """Writes n transitions over the oldest, their s' with weight 1 as states (Algorithm 1)."""
-    count = goal_log_weights.shape[0]
+    count, how = goal_log_weights.shape[0], tempering(config)
     slots = (replay.position + jnp.arange(count, dtype=jnp.int32)) % replay.capacity
     return Replay(
         jax.tree.map(lambda ring, new: ring.at[slots].set(new), replay.transitions, transitions),
-        replay.state_log_weights.at[slots].set(0.0),
-        replay.goal_log_weights.at[slots].set(goal_log_weights),
-        replay.transition_log_weights.at[slots].set(transition_log_weights),
+        w.weigh(replay.states.log.at[slots].set(0.0), AS_THEY_ARE),
+        w.weigh(replay.goals.log.at[slots].set(goal_log_weights), how),
+        w.weigh(replay.of_transitions.log.at[slots].set(transition_log_weights), how),
         (replay.position + count) % replay.capacity,
         jnp.minimum(replay.size + count, replay.capacity),
     )
@@ -70,58 +78,17 @@ def add(
 
 def decay_states(replay: Replay, half_life: float) -> Replay:
     """Downweights all states by 0.5^(1/h), once per epoch (Algorithm 1)."""
-    return replay._replace(state_log_weights=replay.state_log_weights - math.log(2) / half_life)
-
-
-def median(log_weights: Float[Array, " capacity"]) -> Float[Array, ""]:
-    """Median of the filled slots' log-weights."""
-    filled = jnp.isfinite(log_weights)
-    ordered = jnp.sort(jnp.where(filled, log_weights, jnp.inf))
-    return ordered[jnp.maximum(filled.sum() - 1, 0) // 2]
-
-
-def temper(
-    config: Config, log_weights: Float[Array, " capacity"], centre: Float[Array, ""]
-) -> Float[Array, " capacity"]:
-    """Log-weights to the power `weight_temper`, held within `weight_clip` of `centre` [D1]."""
-    tempered = config.weight_temper * (log_weights - centre)
-    held = jnp.clip(tempered, -config.weight_clip, config.weight_clip)
-    return jnp.where(jnp.isneginf(log_weights), -jnp.inf, held)
-
-
-def draw(
-    log_weights: Float[Array, " capacity"], count: int, *, key: PRNGKeyArray
-) -> Int[Array, " count"]:
-    """Slots drawn with replacement, with probability proportional to exp(log_weights).
-
-    Two levels, blocks and then slots within a block, so that no prefix sum runs over the ring.
-    """
-    capacity = log_weights.shape[0]
-    width = max(1, round(capacity**0.5))
-    padded = jnp.pad(log_weights, (0, -capacity % width), constant_values=-jnp.inf)
-    weights = jnp.exp(padded - jnp.max(padded)).reshape(-1, width)
-    block_sums = weights.sum(axis=1)
-    block_ends = jnp.cumsum(block_sums)
-    points = jax.random.uniform(key, (count,)) * block_ends[-1]
-    # Rounding must not carry a point past the end, nor past the last slot with any weight.
-    blocks = jnp.searchsorted(block_ends, points, side="right")
-    blocks = jnp.minimum(blocks, jnp.searchsorted(block_ends, block_ends[-1], side="left"))
-    slot_ends = jnp.cumsum(weights[blocks], axis=1)
-    rest = points - (block_ends[blocks] - block_sums[blocks])
-    rest = jnp.clip(rest, 0.0, slot_ends[:, -1] * (1 - 1e-6))
-    slots = (slot_ends <= rest[:, None]).sum(axis=1)
-    return (blocks * width + slots).astype(jnp.int32)
+    log, reference = (
+        x - math.log(2) / half_life for x in (replay.states.log, replay.states.reference)
+    )
+    return replay._replace(states=replay.states._replace(log=log, reference=reference))
 
 
 def visited_goals(
     config: Config, replay: Replay, count: int, *, key: PRNGKeyArray
 ) -> Float[Array, "count s"]:
     """States drawn from the goal buffer: evenly over the space visited, not over the time spent."""
-    weights = replay.goal_log_weights
-    filled = jnp.isfinite(weights)
-    # The mean will do for a centre here: a median at every control step would take too long.
-    centre = jnp.where(filled, weights, 0.0).sum() / jnp.maximum(filled.sum(dtype=jnp.float32), 1.0)
-    slots = draw(temper(config, weights, centre), count, key=key)
+    slots = w.draw(replay.goals, tempering(config), count, key=key)
     return replay.transitions.next_observations[slots]
 
 
@@ -136,15 +103,12 @@ class Minibatch(NamedTuple):
     transition_slots: Int[Array, " batch"]
 
 
-def sample(
-    config: Config, replay: Replay, centres: Float[Array, " 2"], *, key: PRNGKeyArray
-) -> Minibatch:
-    """One minibatch; `centres` are the medians of the goals' and transitions' log-weights."""
-    goal_log_weights = temper(config, replay.goal_log_weights, centres[0])
-    transition_log_weights = temper(config, replay.transition_log_weights, centres[1])
-    states = draw(replay.state_log_weights, config.batch_size, key=named(key, "states"))
-    goals = draw(goal_log_weights, config.batch_size, key=named(key, "goals"))
-    slots = draw(transition_log_weights, config.batch_size, key=named(key, "transitions"))
+def sample(config: Config, replay: Replay, *, key: PRNGKeyArray) -> Minibatch:
+    """One minibatch from the three buffers."""
+    size, how = config.batch_size, tempering(config)
+    states = w.draw(replay.states, AS_THEY_ARE, size, key=named(key, "states"))
+    goals = w.draw(replay.goals, how, size, key=named(key, "goals"))
+    slots = w.draw(replay.of_transitions, how, size, key=named(key, "transitions"))
     began, reached = replay.transitions.observations, replay.transitions.next_observations
     # num_bodies slots on is the same body one step later (2.3), unless it came to an end between.
     steps = jnp.arange(config.hindsight_steps, dtype=jnp.int32)
@@ -191,34 +155,28 @@ def approaching(
 
 
 def refresh(
+    config: Config,
     replay: Replay,
     minibatch: Minibatch,
     goal_log_weights: Float[Array, " batch"],
     transition_log_weights: Float[Array, " batch"],
 ) -> Replay:
     """The ring with new weights for the goals and transitions just drawn (Algorithm 1)."""
-    goals = replay.goal_log_weights.at[minibatch.goal_slots].set(goal_log_weights)
-    transitions = replay.transition_log_weights.at[minibatch.transition_slots].set(
-        transition_log_weights
+    how = tempering(config)
+    return replay._replace(
+        goals=w.refresh(replay.goals, how, minibatch.goal_slots, goal_log_weights),
+        of_transitions=w.refresh(
+            replay.of_transitions, how, minibatch.transition_slots, transition_log_weights
+        ),
     )
-    return replay._replace(goal_log_weights=goals, transition_log_weights=transitions)
 
 
-def effective_sample_size(log_weights: Float[Array, " capacity"]) -> Float[Array, ""]:
-    """(sum w)^2 / sum w^2: how many equally weighted items the buffer is worth."""
-    weights = jnp.exp(log_weights - jnp.max(log_weights))
-    return weights.sum() ** 2 / (weights**2).sum()
-
-
-def replay_metrics(
-    config: Config, replay: Replay, centres: Float[Array, " 2"]
-) -> dict[str, Float[Array, ""]]:
+def replay_metrics(config: Config, replay: Replay) -> dict[str, Float[Array, ""]]:
     """Size of the ring and effective sample sizes of the three buffers."""
-    goals = temper(config, replay.goal_log_weights, centres[0])
-    transitions = temper(config, replay.transition_log_weights, centres[1])
+    how = tempering(config)
     return {
         "replay/size": replay.size.astype(jnp.float32),
-        "replay/ess_states": effective_sample_size(replay.state_log_weights),
-        "replay/ess_goals": effective_sample_size(goals),
-        "replay/ess_transitions": effective_sample_size(transitions),
+        "replay/ess_states": w.effective_sample_size(replay.states.log),
+        "replay/ess_goals": w.effective_sample_size(w.tempered(replay.goals, how)),
+        "replay/ess_transitions": w.effective_sample_size(w.tempered(replay.of_transitions, how)),
     }

@@ -30,10 +30,15 @@ class Learner(NamedTuple):
 @functools.lru_cache(maxsize=4)
 def compiled(config: Config) -> Learner:
     """Compiles on first use; never again, because states keep their shapes and dtypes."""
+    # XLA's own loops over few elements are quicker than the YNNPACK calls it would make of them.
+    options = {"xla_cpu_experimental_ynn_fusion_type": ""}
+    jit = functools.partial(
+        eqx.filter_jit, compiler_options=options if jax.default_backend() == "cpu" else {}
+    )
     return Learner(
-        act=eqx.filter_jit(lambda state, observations: algorithm.act(config, state, observations)),
-        observe=eqx.filter_jit(lambda state, steps: algorithm.observe(config, state, steps)),
-        update=eqx.filter_jit(lambda state: algorithm.update(config, state), donate="all"),
+        act=jit(lambda state, observations: algorithm.act(config, state, observations)),
+        observe=jit(lambda state, steps: algorithm.observe(config, state, steps)),
+        update=jit(lambda state: algorithm.update(config, state), donate="all"),
     )
 
 
