@@ -1,7 +1,7 @@
 """The candidate whose worst outcome is best (eq. 3), by as few evaluations of V as decide it."""
 
-import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -38,6 +38,16 @@ def blocked(
     return evaluate
 
 
+class _Known(NamedTuple):
+    """What is known of every candidate: all N returns of it, or a bound on the worst of them."""
+
+    asked: Bool[Array, "pairs candidates"]
+    """Whether all N are known."""
+    worst: Float[Array, "pairs candidates"]
+    """Their min, -inf where they are not."""
+    mean: Float[Array, "pairs candidates"]
+
+
 def best_worst_case(
     evaluate: Evaluate,
     next_states: Float[Array, "pairs candidates N s"],
@@ -49,58 +59,67 @@ def best_worst_case(
 
     Exact, the first of equals included, but for the rounding of V in blocks of different shapes:
     once all N returns of one candidate are known, any other with a single lower return is out. So
-    every candidate is asked for one return; the best by that, the leader, for all N; the others for
-    the outcome that was the leader's worst, as they share its noises; and for all N only those that
-    still stand, which are few.
+    every candidate is asked for one return; the best by that for all N; and everyone for what was
+    the worst outcome for it, as they share its noises. While others still stand, the best of these
+    is asked for all N: mostly once at most.
     """
-    pairs, candidates, N, size = next_states.shape
+    pairs, candidates, N, _ = next_states.shape
     every = jnp.arange(pairs, dtype=jnp.int32)
-    first = evaluate(next_states[:, :, 0], goals)
-    leader = first.argmax(axis=1).astype(jnp.int32)
-    leading = evaluate(next_states[every, leader], goals)
-    hardest, bar = leading.argmin(axis=1), leading.min(axis=1)[:, None]
-    bound = jnp.minimum(first, evaluate(next_states[every, :, hardest], goals))
-
     index = jnp.arange(candidates, dtype=jnp.int32)[None]
-    leads = index == leader[:, None]
-    stands = jnp.where(index < leader[:, None], bound >= bar, bound > bar) & ~leads
-    worst = jnp.where(leads, bar, -jnp.inf).ravel()
-    mean = jnp.where(leads, leading.mean(axis=1)[:, None], 0.0).ravel()
-    worst, mean = _ask_those_who_stand(
-        evaluate, stands.ravel(), next_states.reshape(-1, N, size), goals, worst, mean
+    first = evaluate(next_states[:, :, 0], goals)
+    leader = first.argmax(axis=1)
+    returns = evaluate(next_states[every, leader], goals)
+    hardest = evaluate(next_states[every, :, returns.argmin(axis=1)], goals)
+    bound = jnp.minimum(first, hardest)
+    leads = index == leader.astype(jnp.int32)[:, None]
+    known = _Known(
+        asked=leads,
+        worst=jnp.where(leads, returns.min(axis=1)[:, None], -jnp.inf),
+        mean=jnp.where(leads, returns.mean(axis=1)[:, None], 0.0),
     )
-    best = worst.reshape(pairs, candidates).argmax(axis=1).astype(jnp.int32)
-    evaluated = 2 * candidates + N + N * stands.sum(axis=1, dtype=jnp.float32)
-    return best, mean.reshape(pairs, candidates)[every, best], evaluated / (candidates * N)
+
+    def stand(known: _Known) -> Bool[Array, "pairs candidates"]:
+        """Who may still have the best worst case."""
+        holder = known.worst.argmax(axis=1).astype(jnp.int32)[:, None]
+        bar = known.worst.max(axis=1)[:, None]
+        return ~known.asked & jnp.where(index < holder, bound >= bar, bound > bar)
+
+    def challenge(known: _Known) -> _Known:
+        standing = stand(known)
+        best = jnp.where(standing, bound, -jnp.inf).argmax(axis=1).astype(jnp.int32)
+        asked = standing & (index == best[:, None])
+        return _ask(evaluate, next_states, goals, asked, known)
+
+    known = jax.lax.while_loop(lambda known: stand(known).any(), challenge, known)
+    best = known.worst.argmax(axis=1).astype(jnp.int32)
+    evaluated = 2 * candidates + N * known.asked.sum(axis=1, dtype=jnp.float32)
+    return best, known.mean[every, best], evaluated / (candidates * N)
 
 
-def _ask_those_who_stand(
+def _ask(
     evaluate: Evaluate,
-    stands: Bool[Array, " all"],
-    next_states: Float[Array, "all N s"],
+    next_states: Float[Array, "pairs candidates N s"],
     goals: Float[Array, "pairs s"],
-    worst: Float[Array, " all"],
-    mean: Float[Array, " all"],
-) -> tuple[Float[Array, " all"], Float[Array, " all"]]:
-    """Worst and mean of all N returns, filled in for the candidates that stand, in blocks."""
-    total, N, _ = next_states.shape
-    size = block_size(goals.shape[0], N)
-    blocks = math.ceil(total / size)
-    # Slots beyond the last one that stands lie outside, where nothing is written.
-    (slots,) = jnp.nonzero(stands, size=blocks * size, fill_value=total)
-    slots = slots.astype(jnp.int32)
+    asked: Bool[Array, "pairs candidates"],
+    known: _Known,
+) -> _Known:
+    """With all N returns of the candidates asked, at most one for each (s, g), block by block."""
+    pairs, _, N, _ = next_states.shape
+    size = block_size(pairs, N)
+    # Places beyond the last pair that is asked lie outside, where nothing is written.
+    (rows,) = jnp.nonzero(asked.any(axis=1), size=pairs, fill_value=pairs)
+    rows, columns = rows.astype(jnp.int32), asked.argmax(axis=1).astype(jnp.int32)
 
-    def ask(
-        block: Int[Array, ""] | int, known: tuple[Float[Array, " all"], Float[Array, " all"]]
-    ) -> tuple[Float[Array, " all"], Float[Array, " all"]]:
-        worst, mean = known
-        asked = jax.lax.dynamic_slice(slots, (block * size,), (size,))
-        inside = jnp.minimum(asked, total - 1)
-        returns = evaluate(next_states[inside], goals[inside * goals.shape[0] // total])
-        return (
-            worst.at[asked].set(returns.min(axis=1), mode="drop"),
-            mean.at[asked].set(returns.mean(axis=1), mode="drop"),
+    def block(i: Int[Array, ""] | int, known: _Known) -> _Known:
+        row = jax.lax.dynamic_slice(rows, (i * size,), (size,))
+        inside = jnp.minimum(row, pairs - 1)
+        column = columns[inside]
+        returns = evaluate(next_states[inside, column], goals[inside])
+        return known._replace(
+            worst=known.worst.at[row, column].set(returns.min(axis=1), mode="drop"),
+            mean=known.mean.at[row, column].set(returns.mean(axis=1), mode="drop"),
         )
 
-    needed = (stands.sum(dtype=jnp.int32) + size - 1) // size
-    return jax.lax.fori_loop(jnp.zeros((), jnp.int32), needed, ask, (worst, mean))
+    needed = (asked.sum(dtype=jnp.int32) + size - 1) // size
+    known = known._replace(asked=known.asked | asked)
+    return jax.lax.fori_loop(jnp.zeros((), jnp.int32), needed, block, known)

@@ -27,14 +27,17 @@ class Learner(NamedTuple):
     """Its argument is used up: the new state takes over its memory."""
 
 
+def jit(function: Callable, **options: Any) -> Any:
+    """Compiled as the algorithm's functions are; see `equinox.filter_jit` for `options`."""
+    # XLA's own loops over few elements are quicker than the YNNPACK calls it would make of them.
+    on_cpu = {"xla_cpu_experimental_ynn_fusion_type": ""}
+    chosen = on_cpu if jax.default_backend() == "cpu" else {}
+    return eqx.filter_jit(function, compiler_options=chosen, **options)
+
+
 @functools.lru_cache(maxsize=4)
 def compiled(config: Config) -> Learner:
     """Compiles on first use; never again, because states keep their shapes and dtypes."""
-    # XLA's own loops over few elements are quicker than the YNNPACK calls it would make of them.
-    options = {"xla_cpu_experimental_ynn_fusion_type": ""}
-    jit = functools.partial(
-        eqx.filter_jit, compiler_options=options if jax.default_backend() == "cpu" else {}
-    )
     return Learner(
         act=jit(lambda state, observations: algorithm.act(config, state, observations)),
         observe=jit(lambda state, steps: algorithm.observe(config, state, steps)),
