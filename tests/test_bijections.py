@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flowjax.bijections import Chain, Invert, Scan
 
-from everystate.learning.bijections import PLDU, Recomputed, SmoothPReLU, pldu_encoder
+from everystate.learning.bijections import PLDU, SmoothPReLU, pldu_encoder
 
 BIJECTIONS = {
     "PLDU": lambda key: PLDU(3, key=key),
@@ -139,7 +139,7 @@ def layers_of(encoder):
             count = len(jax.tree.leaves(stacked)[0])
             pairs = [jax.tree.map(lambda x, i=i: x[i], stacked) for i in range(count)]
             return [layer for pair in pairs for layer in layers_of(eqx.combine(pair, static))]
-        case Invert() | Recomputed():
+        case Invert():
             return layers_of(encoder.bijection)
     return [encoder]
 

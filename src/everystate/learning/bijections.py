@@ -189,21 +189,14 @@ class SmoothPReLU(AbstractBijection):
         return [self.log_alpha, self.log_beta]
 
 
-class Recomputed(AbstractBijection):
-    """A bijection of which a gradient keeps only the input: the rest is quicker computed again."""
-
-    shape: tuple[int, ...] = eqx.field(static=True)
-    cond_shape: None = eqx.field(static=True)
-    bijection: AbstractBijection
-
-    def __init__(self, bijection: AbstractBijection) -> None:
-        self.shape, self.cond_shape, self.bijection = bijection.shape, None, bijection
+class Recomputed(Chain):
+    """A chain of which a gradient keeps only the input: the rest is quicker computed again."""
 
     def transform_and_log_det(self, x, condition=None):
-        return eqx.filter_checkpoint(lambda b, x: b.transform_and_log_det(x))(self.bijection, x)
+        return eqx.filter_checkpoint(Chain.transform_and_log_det)(self, x, condition)
 
     def inverse_and_log_det(self, y, condition=None):
-        return eqx.filter_checkpoint(lambda b, y: b.inverse_and_log_det(y))(self.bijection, y)
+        return eqx.filter_checkpoint(Chain.inverse_and_log_det)(self, y, condition)
 
 
 def pldu_encoder(
@@ -232,7 +225,7 @@ def pldu_encoder(
 
     def pair(keys: Key[Array, "2"]) -> Recomputed:
         even = Invert(SmoothPReLU(size)) if alternate else SmoothPReLU(size)
-        return Recomputed(Chain([matrix(keys[0]), even, matrix(keys[1]), SmoothPReLU(size)]))
+        return Recomputed([matrix(keys[0]), even, matrix(keys[1]), SmoothPReLU(size)])
 
     # W_n comes first. An even n leaves one (W_n, h_{n-1}) before the pairs that end in h_1.
     single = [matrix(keys.pop()), SmoothPReLU(size)] if len(keys) % 2 else []

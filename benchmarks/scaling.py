@@ -1,0 +1,133 @@
+"""How an update's cost grows: `python benchmarks/scaling.py [--json] [--rounds N]`.
+
+Milliseconds of an update of the cartpole's size at preset `paper`, with one number changed at a
+time: transitions stored, rollouts N, state size, minibatch; and of a control step by the number of
+bodies. Rings are full, of made-up transitions; medians of rounds. The once-an-epoch work (sums of
+all weights after collection) is timed on its own, and `with_epoch_ms` spreads it over n_updates.
+`--from JSON --figure PNG` draws a raw result.
+"""
+
+import json
+import resource
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import _benchmark as benchmark
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+
+from everystate import preset
+from everystate.agent import keep_compiled_programs
+from everystate.algorithm import AgentState, Scale
+from everystate.learning import weights as w
+from everystate.learning.replay import Transitions
+from everystate.training.learner import begin, compiled
+
+PER_CALL = 5
+STORED = (10_000, 100_000, 1_000_000, 10_000_000)
+SERIES: dict[str, tuple[int, ...]] = {
+    "stored": STORED,
+    "N": (1, 20, 100),
+    "state_size": (2, 5, 29, 64),
+    "minibatch": (250, 1000, 4000),
+    "bodies": (1, 50, 1000),
+}
+
+
+def full(config: Any, size: int) -> AgentState:
+    """A run's state with every slot of the ring filled."""
+    keys = iter(jax.random.split(jax.random.key(0), 8))
+
+    def made_up(*shape: int) -> jax.Array:
+        return jax.random.normal(next(keys), (*shape, size))
+
+    steps = (config.warmup_steps, config.num_bodies)
+    states, actions = made_up(*steps), jnp.zeros((*steps, 1))
+    few = Transitions(states, actions, states + 0.1 * made_up(*steps))
+    state = begin(config, few, Scale(jnp.zeros(size), jnp.ones(size)))
+    before = made_up(config.capacity)
+    rings = Transitions(before, jnp.zeros((config.capacity, 1)), before + 0.1)
+    log = jnp.where(jnp.arange(state.replay.states.log.size) < config.capacity, 0.0, -jnp.inf)
+    replay = state.replay._replace(
+        transitions=rings,
+        states=w.weigh(log, w.AS_THEY_ARE),
+        goals=w.weigh(log.copy(), w.tempering(config)),
+        of_transitions=w.weigh(log.copy(), w.tempering(config)),
+        size=jnp.array(config.capacity, jnp.int32),
+    )
+    return state._replace(replay=jax.tree.map(jnp.array, replay))
+
+
+def cost(rounds: int, *, stored=100_000, N=20, state_size=5, minibatch=1000, bodies=50) -> dict:
+    """Milliseconds of an update, of a control step and of an epoch's own work."""
+    fields = {"capacity": stored, "N": N, "batch_size": minibatch, "num_bodies": bodies}
+    fields |= {"num_updates": PER_CALL, "target_period": PER_CALL}
+    fields |= {"steps_per_epoch": 5, "warmup_steps": 5}
+    config = preset("paper", "cartpole", **fields)
+    learner, state = compiled(config), full(config, state_size)
+    observations = jnp.zeros((bodies, state_size))
+    steps = jnp.zeros((1, bodies, state_size))
+    one = Transitions(steps, jnp.zeros((1, bodies, 1)), steps)
+    taken: dict[str, list[float]] = {"update_ms": [], "act_ms": [], "epoch_ms": []}
+    for _ in range(rounds + 1):
+        started = time.perf_counter()
+        state = jax.block_until_ready(learner.observe(state, one))
+        observed = time.perf_counter()
+        state, _ = jax.block_until_ready(learner.update(state))
+        updated = time.perf_counter()
+        for _ in range(10):
+            state, _ = jax.block_until_ready(learner.act(state, observations))
+        taken["epoch_ms"].append(1000 * (observed - started))
+        taken["update_ms"].append(1000 * (updated - observed) / PER_CALL)
+        taken["act_ms"].append(100 * (time.perf_counter() - updated))
+    medians = {name: round(statistics.median(times[1:]), 2) for name, times in taken.items()}
+    updates = preset("paper").num_updates
+    spread = medians["update_ms"] + medians["epoch_ms"] / updates
+    return medians | {"with_epoch_ms": round(spread, 2)}
+
+
+def draw(result: dict[str, Any], path: Path) -> None:
+    """One panel for each number that was changed."""
+    figure, axes = plt.subplots(1, len(SERIES), figsize=(14, 2.8), layout="constrained")
+    for axis, (name, costs) in zip(axes, result["series"].items(), strict=True):
+        y = "act_ms" if name == "bodies" else "with_epoch_ms"
+        axis.plot([int(x) for x in costs], [c[y] for c in costs.values()], "o-")
+        axis.set(xscale="log", yscale="log", xlabel=name.replace("_", " "))
+        axis.set_ylabel("ms per control step" if name == "bodies" else "ms per update")
+        axis.grid(alpha=0.3, which="both")
+    figure.suptitle(f"preset paper, cartpole's size; {result['machine']}", fontsize=9)
+    figure.savefig(path, dpi=120)
+
+
+def main() -> None:
+    """Measures and prints, or draws."""
+    parser = benchmark.options(__doc__, rounds=3)
+    parser.add_argument("--from", dest="source", type=Path, help="raw result to draw")
+    parser.add_argument("--figure", type=Path, help="PNG to write")
+    options = parser.parse_args()
+    if options.source:
+        return draw(json.loads(options.source.read_text()), options.figure)
+    keep_compiled_programs()
+    series: dict[str, Any] = {}
+    for name, values in SERIES.items():
+        series[name] = {}
+        for value in values:
+            series[name][str(value)] = cost(options.rounds, **{name: value})
+            jax.clear_caches()
+            compiled.cache_clear()
+        result = {"benchmark": "scaling", "machine": benchmark.machine(), "series": series}
+        stored = [c["with_epoch_ms"] for c in series["stored"].values()]
+        result["flatness_over_stored"] = round(max(stored) / min(stored), 3)
+        used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        result.setdefault("peak_memory_mb", round(used / 1024))
+        if not options.json:
+            print(name, *(f"  {value}: {cost}" for value, cost in series[name].items()), sep="\n")
+    if options.json:
+        print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()
