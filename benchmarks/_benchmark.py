@@ -4,7 +4,13 @@ import argparse
 import json
 import os
 import platform
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
+
+COMMITTED = Path(__file__).parents[1] / "results/benchmarks"
+_RATIOS = ("ratio_", "fraction_", "flatness_", "real_time")
+_TOLERANCE = 1.15
 
 
 def options(doc: str | None, **more: Any) -> argparse.ArgumentParser:
@@ -27,3 +33,24 @@ def show(result: dict[str, Any], *, as_json: bool) -> None:
         print(json.dumps(result))
     else:
         print(*(f"{name}: {value}" for name, value in result.items()), sep="\n")
+        say_what_moved(result)
+
+
+def say_what_moved(result: dict[str, Any]) -> None:
+    """Beside the committed result, ratio by ratio: seconds of another machine would say nothing."""
+    committed = COMMITTED / f"{result['benchmark']}.json"
+    if not committed.exists():
+        return print(f"no {committed.name} is committed to compare with")
+    before, now = dict(_ratios(json.loads(committed.read_text()))), dict(_ratios(result))
+    for name in sorted(before.keys() & now.keys()):
+        change = now[name] / before[name] if before[name] else float("nan")
+        moved = "" if 1 / _TOLERANCE <= change <= _TOLERANCE else "  <- moved"
+        print(f"committed {name}: {before[name]}, now {now[name]} ({change:.2f} x){moved}")
+
+
+def _ratios(tree: Any, path: str = "") -> Iterator[tuple[str, float]]:
+    if isinstance(tree, dict):
+        for name, value in tree.items():
+            yield from _ratios(value, f"{path}.{name}".lstrip("."))
+    elif isinstance(tree, int | float) and path.split(".")[-1].startswith(_RATIOS):
+        yield path, float(tree)

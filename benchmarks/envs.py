@@ -186,6 +186,7 @@ def main() -> None:
         print(body, *(f"  {name}: {value}" for name, value in readings.items()), sep="\n")
     for body, costs in result.get("us_per_step", {}).items():
         print(f"{body}, us per control step by bodies: {costs}")
+    benchmark.say_what_moved(result)
 
 
 if __name__ == "__main__":

@@ -118,15 +118,20 @@ def main() -> None:
             series[name][str(value)] = cost(options.rounds, **{name: value})
             jax.clear_caches()
             compiled.cache_clear()
-        result = {"benchmark": "scaling", "machine": benchmark.machine(), "series": series}
-        stored = [c["with_epoch_ms"] for c in series["stored"].values()]
-        result["flatness_over_stored"] = round(max(stored) / min(stored), 3)
-        used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        result.setdefault("peak_memory_mb", round(used / 1024))
         if not options.json:
             print(name, *(f"  {value}: {cost}" for value, cost in series[name].items()), sep="\n")
+    stored = [c["with_epoch_ms"] for c in series["stored"].values()]
+    result: dict[str, Any] = {
+        "benchmark": "scaling",
+        "machine": benchmark.machine(),
+        "series": series,
+        "flatness_over_stored": round(max(stored) / min(stored), 3),
+        "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+    }
     if options.json:
         print(json.dumps(result))
+    else:
+        benchmark.say_what_moved(result)
 
 
 if __name__ == "__main__":

@@ -128,7 +128,7 @@ def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]
 def torch_update(config: Config, state: AgentState) -> Callable[[], float] | None:
     """The peer on the same data, if PyTorch is installed."""
     try:
-        import torch
+        import torch  # pyright: ignore[reportMissingImports]
         from _torch_update import TorchLearner
     except ImportError:
         return None
@@ -195,13 +195,14 @@ def main() -> None:
     if options.json:
         print(json.dumps(result))
         return
-    for body, figures in result.pop("bodies").items():
+    for body, figures in result["bodies"].items():
         parts = figures.pop("parts_ms")
         print(body, *(f"  {name}: {value}" for name, value in figures.items()), sep="\n")
         print(*(f"    {name}: {value} ms" for name, value in parts.items()), sep="\n")
         if "ratio_to_torch" not in figures:
             print("  no PyTorch here: pip install 'everystate[peers]' for ratio_to_torch")
-    benchmark.show(result, as_json=False)
+    print(f"on {result['machine']} ({result['device']}), {result['peak_memory_mb']} MB at the peak")
+    benchmark.say_what_moved(result)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 Both read in the direction of f_enc: `transform` takes data towards the latent space.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -191,6 +192,9 @@ class SmoothPReLU(AbstractBijection):
 
 class Recomputed(Chain):
     """A chain of which a gradient keeps only the input: the rest is quicker computed again."""
+
+    def __init__(self, bijections: Sequence[AbstractBijection]) -> None:
+        super().__init__(bijections)
 
     def transform_and_log_det(self, x, condition=None):
         return eqx.filter_checkpoint(Chain.transform_and_log_det)(self, x, condition)

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -27,12 +27,13 @@ class Learner(NamedTuple):
     """Its argument is used up: the new state takes over its memory."""
 
 
-def jit(function: Callable, **options: Any) -> Any:
-    """Compiled as the algorithm's functions are; see `equinox.filter_jit` for `options`."""
+def jit(function: Callable, *, donate: Literal["all", "none"] = "none") -> Any:
+    """Compiled as the algorithm's functions are; see `equinox.filter_jit` for `donate`."""
     # XLA's own loops over few elements are quicker than the YNNPACK calls it would make of them.
     on_cpu = {"xla_cpu_experimental_ynn_fusion_type": ""}
-    chosen = on_cpu if jax.default_backend() == "cpu" else {}
-    return eqx.filter_jit(function, compiler_options=chosen, **options)
+    options = on_cpu if jax.default_backend() == "cpu" else {}
+    more: dict[str, Any] = {"donate": donate, "compiler_options": options}
+    return eqx.filter_jit(function, **more)
 
 
 @functools.lru_cache(maxsize=4)
