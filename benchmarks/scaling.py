@@ -91,8 +91,10 @@ def cost(rounds: int, *, stored=100_000, N=20, state_size=5, minibatch=1000, bod
 
 def draw(result: dict[str, Any], path: Path) -> None:
     """One panel for each number that was changed."""
-    figure, axes = plt.subplots(1, len(SERIES), figsize=(14, 2.8), layout="constrained")
-    for axis, (name, costs) in zip(axes, result["series"].items(), strict=True):
+    series = result["series"]
+    size = (3.2 * len(series), 2.8)
+    figure, axes = plt.subplots(1, len(series), figsize=size, layout="constrained", squeeze=False)
+    for axis, (name, costs) in zip(axes[0], series.items(), strict=True):
         y = "act_ms" if name == "bodies" else "with_epoch_ms"
         axis.plot([int(x) for x in costs], [c[y] for c in costs.values()], "o-")
         axis.set(xscale="log", yscale="log", xlabel=name.replace("_", " "))
@@ -105,6 +107,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
 def main() -> None:
     """Measures and prints, or draws."""
     parser = benchmark.options(__doc__, rounds=3)
+    parser.add_argument("--series", nargs="+", default=list(SERIES), choices=SERIES)
     parser.add_argument("--from", dest="source", type=Path, help="raw result to draw")
     parser.add_argument("--figure", type=Path, help="PNG to write")
     options = parser.parse_args()
@@ -112,22 +115,23 @@ def main() -> None:
         return draw(json.loads(options.source.read_text()), options.figure)
     keep_compiled_programs()
     series: dict[str, Any] = {}
-    for name, values in SERIES.items():
+    for name in options.series:
         series[name] = {}
-        for value in values:
+        for value in SERIES[name]:
             series[name][str(value)] = cost(options.rounds, **{name: value})
             jax.clear_caches()
             compiled.cache_clear()
         if not options.json:
             print(name, *(f"  {value}: {cost}" for value, cost in series[name].items()), sep="\n")
-    stored = [c["with_epoch_ms"] for c in series["stored"].values()]
     result: dict[str, Any] = {
         "benchmark": "scaling",
         "machine": benchmark.machine(),
         "series": series,
-        "flatness_over_stored": round(max(stored) / min(stored), 3),
         "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
     }
+    if stored := series.get("stored"):
+        costs = [cost["with_epoch_ms"] for cost in stored.values()]
+        result["flatness_over_stored"] = round(max(costs) / min(costs), 3)
     if options.json:
         print(json.dumps(result))
     else:
