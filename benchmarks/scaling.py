@@ -97,7 +97,8 @@ def draw(result: dict[str, Any], path: Path) -> None:
     for axis, (name, costs) in zip(axes[0], series.items(), strict=True):
         y = "act_ms" if name == "bodies" else "with_epoch_ms"
         axis.plot([int(x) for x in costs], [c[y] for c in costs.values()], "o-")
-        axis.set(xscale="log", yscale="log", xlabel=name.replace("_", " "))
+        axis.set(xscale="log", xlabel=name.replace("_", " "))
+        axis.set_ylim(bottom=0)
         axis.set_ylabel("ms per control step" if name == "bodies" else "ms per update")
         axis.grid(alpha=0.3, which="both")
     figure.suptitle(f"preset paper, cartpole's size; {result['machine']}", fontsize=9)

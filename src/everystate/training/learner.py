@@ -39,8 +39,22 @@ def jit(function: Callable, *, donate: Literal["all", "none"] = "none") -> Any:
 @functools.lru_cache(maxsize=4)
 def compiled(config: Config) -> Learner:
     """Compiles on first use; never again, because states keep their shapes and dtypes."""
+
+    def changed_by_act(state: AgentState, observations: Float[Array, "bodies s"]) -> Any:
+        after, actions = algorithm.act(config, state, observations)
+        return after.episodes, after.step, actions
+
+    acting = jit(changed_by_act)
+
+    def act(
+        state: AgentState, observations: Float[Array, "bodies s"]
+    ) -> tuple[AgentState, Float[Array, "bodies a"]]:
+        # The rest stays outside: what goes through a program is copied, all of replay at each step.
+        episodes, step, actions = acting(state, observations)
+        return state._replace(episodes=episodes, step=step), actions
+
     return Learner(
-        act=jit(lambda state, observations: algorithm.act(config, state, observations)),
+        act=act,
         observe=jit(lambda state, steps: algorithm.observe(config, state, steps)),
         update=jit(lambda state: algorithm.update(config, state), donate="all"),
     )
