@@ -15,9 +15,12 @@ _ROWS = {"cpu": 4096}
 
 
 def block_size(pairs: int, each: int) -> int:
-    """How many pairs with `each` evaluations to take at a time, a divisor of `pairs`."""
-    most = max(1, _ROWS.get(jax.default_backend(), 2**18) // each)
-    return next(size for size in range(min(most, pairs), 0, -1) if pairs % size == 0)
+    """How many pairs with `each` evaluations to take at a time: all blocks alike, if that can be.
+
+    A rest would be compiled on its own, but a prime number of pairs must not go one by one.
+    """
+    most = min(pairs, max(1, _ROWS.get(jax.default_backend(), 2**18) // each))
+    return next((size for size in range(most, most // 2, -1) if pairs % size == 0), most)
 
 
 def blocked(
@@ -39,7 +42,7 @@ def blocked(
 
 
 class _Known(NamedTuple):
-    """What is known of every candidate: all N returns of it, or a bound on the worst of them."""
+    """Of which candidates all N returns are known, and what these are."""
 
     asked: Bool[Array, "pairs candidates"]
     """Whether all N are known."""
@@ -111,6 +114,7 @@ def _ask(
     rows, columns = rows.astype(jnp.int32), asked.argmax(axis=1).astype(jnp.int32)
 
     def block(i: Int[Array, ""] | int, known: _Known) -> _Known:
+        # The last block may begin within the one before: what it asks again is the same.
         row = jax.lax.dynamic_slice(rows, (i * size,), (size,))
         inside = jnp.minimum(row, pairs - 1)
         column = columns[inside]
