@@ -33,7 +33,7 @@ def save(folder: Path, snapshot: Snapshot, config: Config = CONFIG, period: int 
 
 
 def restored(folder: Path) -> Snapshot:
-    snapshot = checkpoint.restore(folder, CONFIG, 2)
+    snapshot = checkpoint.restore(folder, CONFIG, 2, 2)
     assert snapshot is not None
     return snapshot
 
@@ -81,35 +81,34 @@ def test_two_last_and_some_older_ones_are_kept(begun: Snapshot, tmp_path: Path) 
 
 def test_an_epoch_is_saved_once(begun: Snapshot, tmp_path: Path) -> None:
     first = save(tmp_path, begun)
-    written = (first / "state.json").stat().st_mtime_ns
+    written = (first / "state.safetensors").stat().st_mtime_ns
     assert save(tmp_path, begun) == first
-    assert (first / "state.json").stat().st_mtime_ns == written
+    assert (first / "state.safetensors").stat().st_mtime_ns == written
 
 
 def test_a_draft_is_no_checkpoint(begun: Snapshot, tmp_path: Path) -> None:
     """What a killed process leaves behind is neither read nor in the way."""
     draft = tmp_path / ".draft-000000"
     draft.mkdir()
-    (draft / "state.json").write_text("{")
-    assert checkpoint.restore(tmp_path, CONFIG, 2) is None
+    (draft / "state.safetensors").write_text("{")
+    assert checkpoint.restore(tmp_path, CONFIG, 2, 2) is None
     save(tmp_path, begun)
     assert restored(tmp_path).epoch == 0
     assert not draft.exists()
 
 
 def damage(folder: Path, how: str) -> None:
-    largest = max((folder / "state" / "d").iterdir(), key=lambda path: path.stat().st_size)
-    content = bytearray(largest.read_bytes())
+    state = folder / "state.safetensors"
+    content = bytearray(state.read_bytes())
     if how == "truncated":
-        largest.write_bytes(content[: len(content) // 2])
+        state.write_bytes(content[: len(content) // 2])
     elif how == "changed":
         content[len(content) // 2] ^= 0xFF
-        largest.write_bytes(content)
+        state.write_bytes(content)
     elif how == "missing":
-        (folder / "state.json").unlink()
+        state.unlink()
     elif how == "wrong":
-        text = (folder / "state.json").read_text()
-        (folder / "state.json").write_text(text.replace('"agent.step"', '"agent.stop"'))
+        state.write_bytes(content.replace(b'"agent.step"', b'"agent.stop"'))
 
 
 @pytest.mark.parametrize("how", ["truncated", "changed", "missing", "wrong"])
@@ -131,5 +130,5 @@ def test_without_a_sound_checkpoint_nothing_is_begun(begun: Snapshot, tmp_path: 
         pytest.warns(UserWarning, match="is damaged"),
         pytest.raises(EverystateError, match=r"no checkpoint in .* is sound"),
     ):
-        checkpoint.restore(tmp_path, CONFIG, 2)
+        checkpoint.restore(tmp_path, CONFIG, 2, 2)
     assert [p.name for p in tmp_path.iterdir()] == ["000000"]

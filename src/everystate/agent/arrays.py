@@ -1,5 +1,6 @@
 """Pytrees as arrays with names, which is all that files know."""
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +13,7 @@ from everystate.config import Config
 from everystate.learning.replay import Transitions
 
 
+@functools.lru_cache(maxsize=8)
 def skeleton(config: Config, state_size: int, action_size: int) -> AgentState:
     """The agent state of a new run, with shapes and dtypes in place of arrays: costs no memory."""
 

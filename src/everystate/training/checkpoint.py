@@ -1,10 +1,10 @@
 """Checkpoints: all that decides how a run goes on, so that it goes on bit for bit.
 
-A checkpoint is a folder `checkpoints/EPOCH` that appears whole or not at all. It is also an
-exported agent, so that whoever wants only the agent need not know what else a run holds.
+A checkpoint is a folder `checkpoints/EPOCH` that appears whole or not at all. `state.safetensors`
+has everything, with a checksum of every array. It is also an exported agent, so that whoever wants
+only the agent need not know what else a run holds.
 """
 
-import json
 import shutil
 import warnings
 import zlib
@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import orbax.checkpoint as ocp
+import safetensors
+import safetensors.numpy
 from jaxtyping import Bool, Float32
 
 from everystate.agent import Agent, files, named_arrays, skeleton, with_arrays
@@ -24,6 +25,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 
 KEPT = 2
+_STATE = "state.safetensors"
 
 
 class Snapshot(NamedTuple):
@@ -47,20 +49,25 @@ def save(folder: Path, snapshot: Snapshot, agent: Agent, period: int) -> Path:
     """Writes a checkpoint, unless that epoch has one, and removes those no longer needed.
 
     The last two stay, and of the older ones those after 1, 2, 4, 8, ... periods.
+
+    Raises:
+        EverystateError: it cannot be written; those before it stay.
     """
     checkpoint = folder / f"{snapshot.epoch:06d}"
     if checkpoint.exists():
         return checkpoint
     draft = folder / f".draft-{checkpoint.name}"
     shutil.rmtree(draft, ignore_errors=True)
-    draft.mkdir(parents=True)
-    arrays = _to_arrays(snapshot)
-    with ocp.PyTreeCheckpointer() as checkpointer:
-        checkpointer.save(draft.absolute() / "state", arrays)
-    description = {name: [str(x.dtype), x.shape, _checksum(x)] for name, x in arrays.items()}
-    (draft / "state.json").write_text(json.dumps(description, indent=0) + "\n")
-    files.write(draft, agent.models, agent.scale, agent.config, agent.body)
-    draft.rename(checkpoint)
+    try:
+        _write(draft, snapshot, agent)
+        draft.rename(checkpoint)
+    except (OSError, safetensors.SafetensorError) as error:
+        shutil.rmtree(draft, ignore_errors=True)
+        problem = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        raise EverystateError(
+            f"checkpoint {checkpoint} cannot be written ({problem}): those before it are kept;"
+            f" make room, and the same command goes on from there"
+        ) from error
     for old in _saved(folder)[:-KEPT]:
         periods, rest = divmod(int(old.name), period)
         if rest or periods.bit_count() != 1:  # no power of two
@@ -68,7 +75,15 @@ def save(folder: Path, snapshot: Snapshot, agent: Agent, period: int) -> Path:
     return checkpoint
 
 
-def restore(folder: Path, config: Config, action_size: int) -> Snapshot | None:
+def _write(draft: Path, snapshot: Snapshot, agent: Agent) -> None:
+    draft.mkdir(parents=True)
+    arrays = _to_arrays(snapshot)
+    checksums = {name: str(_checksum(array)) for name, array in arrays.items()}
+    safetensors.numpy.save_file(arrays, draft / _STATE, metadata=checksums)
+    files.write(draft, agent.models, agent.scale, agent.config, agent.body)
+
+
+def restore(folder: Path, config: Config, state_size: int, action_size: int) -> Snapshot | None:
     """The latest checkpoint that is sound, or None where there is none at all.
 
     Damaged ones are set aside, under another name, with a warning.
@@ -76,12 +91,11 @@ def restore(folder: Path, config: Config, action_size: int) -> Snapshot | None:
     Raises:
         EverystateError: there are checkpoints, but none is sound.
     """
-    problem = None
+    problem, like = None, skeleton(config, state_size, action_size)
     for checkpoint in reversed(_saved(folder)):
         try:
-            snapshot = _read(checkpoint, config, action_size)
-        # What Orbax raises depends on which of its files is damaged, and how.
-        except Exception as error:
+            snapshot = _read(checkpoint, like)
+        except (OSError, ValueError, KeyError, TypeError, safetensors.SafetensorError) as error:
             problem = " ".join(f"{type(error).__name__}: {error}".split())[:200]
             warnings.warn(f"checkpoint {checkpoint} is damaged ({problem})", stacklevel=2)
             continue
@@ -96,25 +110,16 @@ def restore(folder: Path, config: Config, action_size: int) -> Snapshot | None:
     return None
 
 
-def _read(checkpoint: Path, config: Config, action_size: int) -> Snapshot:
-    description = json.loads((checkpoint / "state.json").read_text())
-    expected = {
-        name: np.empty(shape, np.dtype(dtype)) for name, (dtype, shape, _) in description.items()
-    }
-    # As NumPy arrays: JAX would make 32 bits of the 64 of physics.
-    as_numpy = ocp.RestoreArgs(restore_type=np.ndarray)
-    with ocp.PyTreeCheckpointer() as checkpointer:
-        arrays = checkpointer.restore(
-            checkpoint.absolute() / "state",
-            args=ocp.args.PyTreeRestore(
-                expected, restore_args=jax.tree.map(lambda _: as_numpy, expected)
-            ),
-        )
-    for name, (_, _, checksum) in description.items():
-        if _checksum(arrays[name]) != checksum:
+def _read(checkpoint: Path, like: AgentState) -> Snapshot:
+    with safetensors.safe_open(checkpoint / _STATE, framework="numpy") as file:
+        arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        checksums = file.metadata()
+    if checksums is None or checksums.keys() != arrays.keys():
+        raise ValueError("arrays are missing")
+    for name, array in arrays.items():
+        if checksums[name] != str(_checksum(array)):
             raise ValueError(f"{name} has another checksum than when it was written")
-    state_size = arrays["observations"].shape[-1]
-    return _from_arrays(arrays, skeleton(config, state_size, action_size))
+    return _from_arrays(arrays, like)
 
 
 def _to_arrays(snapshot: Snapshot) -> dict[str, np.ndarray]:
@@ -123,22 +128,22 @@ def _to_arrays(snapshot: Snapshot) -> dict[str, np.ndarray]:
         for name, x in named_arrays(snapshot.agent).items()
     }
     env = {f"env.{name}": x for name, x in snapshot.env.items()}
-    rest = {"observations": snapshot.observations}
-    if snapshot.visited.size:  # Orbax takes no empty arrays
-        rest["visited"] = snapshot.visited
-    return {name: np.asarray(x) for name, x in (agent | env | rest).items()}
+    rest = {"observations": snapshot.observations, "visited": snapshot.visited}
+    return {name: np.asarray(x, order="C") for name, x in (agent | env | rest).items()}
 
 
 def _from_arrays(arrays: Mapping[str, np.ndarray], expected: AgentState) -> Snapshot:
     def under(prefix: str) -> dict[str, np.ndarray]:
         return {n.removeprefix(prefix): x for n, x in arrays.items() if n.startswith(prefix)}
 
-    agent = {name: jnp.asarray(x) for name, x in under("agent.").items()}
+    # Copies: `update` takes over the memory of an agent's arrays.
+    agent = {name: jnp.array(x) for name, x in under("agent.").items()}
     for name, x in named_arrays(expected).items():
         if _is_key(x):
             agent[name] = jax.random.wrap_key_data(agent[name])
-    visited = arrays.get("visited", np.zeros(0, dtype=bool))
-    return Snapshot(with_arrays(expected, agent), under("env."), arrays["observations"], visited)
+    return Snapshot(
+        with_arrays(expected, agent), under("env."), arrays["observations"], arrays["visited"]
+    )
 
 
 def _saved(folder: Path) -> list[Path]:
@@ -151,7 +156,7 @@ def _set_aside(checkpoint: Path) -> None:
 
 
 def _checksum(array: np.ndarray) -> int:
-    return zlib.crc32(np.ascontiguousarray(array).tobytes())
+    return zlib.crc32(array.tobytes())
 
 
 def _is_key(leaf: Any) -> bool:
