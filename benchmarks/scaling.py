@@ -76,7 +76,7 @@ def cost(rounds: int, *, stored=100_000, N=20, state_size=5, minibatch=1000, bod
         started = time.perf_counter()
         state = jax.block_until_ready(learner.observe(state, one))
         observed = time.perf_counter()
-        state, _ = jax.block_until_ready(learner.update(state))
+        state, *_ = jax.block_until_ready(learner.update(state))
         updated = time.perf_counter()
         for _ in range(10):
             state, _ = jax.block_until_ready(learner.act(state, observations))

@@ -66,7 +66,7 @@ def trained(config: Config, epochs: int) -> tuple[AgentState, Learner, float]:
         agent, steps, observations = collected
         agent = jax.block_until_ready(learner.observe(agent, to_device(steps)))
         collecting = time.perf_counter() - started
-        agent, _ = learner.update(agent)
+        agent, *_ = learner.update(agent)
         snapshot = snapshot._replace(agent=agent, observations=observations)
     return snapshot.agent, learner, collecting
 
@@ -155,7 +155,7 @@ def measure(body: str, rounds: int, epochs: int, peak: Callable[[], float]) -> d
     ours, peaks, theirs, evaluated = [], [], [], []
     for _ in range(rounds):
         started = time.perf_counter()
-        state, metrics = jax.block_until_ready(learner.update(state))
+        state, metrics, _ = jax.block_until_ready(learner.update(state))
         ours.append((time.perf_counter() - started) / PER_CALL)
         evaluated.append(float(metrics["policy/evaluated"]))
         peaks.append(peak())

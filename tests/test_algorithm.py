@@ -42,7 +42,7 @@ def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
     config = preset("test", flow=flow, num_updates=2, target_period=1)
     state = start(config)
     after, actions = eqx.filter_jit(algorithm.act)(config, state, jnp.zeros((10, 2)))
-    after, metrics = eqx.filter_jit(algorithm.update)(config, after)
+    after, metrics, _ = eqx.filter_jit(algorithm.update)(config, after)
     assert actions.shape == (10, 2)
     assert np.all(np.abs(actions) <= 1)
     assert all(np.isfinite(value) for value in metrics.values()), metrics
@@ -65,7 +65,7 @@ def test_same_seed_same_update_bit_for_bit():
 def test_every_model_learns_from_every_update():
     config = preset("test")
     state = start(config)
-    after, _ = eqx.filter_jit(algorithm.update)(config, state)
+    after, *_ = eqx.filter_jit(algorithm.update)(config, state)
     for name, old, new in zip(state.models._fields, state.models, after.models, strict=True):
         moved = [
             not np.array_equal(a, b)
@@ -83,7 +83,7 @@ def test_targets_stay_within_their_bounds():
     state = start(config)
     update = eqx.filter_jit(algorithm.update)
     for _ in range(3):
-        state, metrics = update(config, state)
+        state, metrics, _ = update(config, state)
         assert -(float(state.copies) + 1) <= float(metrics["value/target_min"]) <= 0
 
 
@@ -97,5 +97,5 @@ def test_presets_of_the_paper_run(name):
         "target_period": 1,
     }
     config = preset(name, **small, num_bodies=10, steps_per_epoch=5)
-    _, metrics = eqx.filter_jit(algorithm.update)(config, start(config))
+    _, metrics, _ = eqx.filter_jit(algorithm.update)(config, start(config))
     assert np.isfinite(float(metrics["loss/f"]))

@@ -11,10 +11,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning import episodes as ep
+from everystate.learning import guard
 from everystate.learning import replay as rb
 from everystate.learning.curriculum import replaced
 from everystate.learning.flows import decode
@@ -124,25 +125,45 @@ def observe(config: Config, state: AgentState, transitions: Transitions) -> Agen
     return state._replace(replay=rb.add(config, state.replay, flat, -after, -before - after))
 
 
-def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics]:
-    """An epoch of learning: n_updates updates with their target copies, then the state decay."""
-    copies = config.num_updates // config.target_period
-    keys = jax.random.split(named(state.key, "update", state.epoch), (copies, config.target_period))
+def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics, guard.Fault]:
+    """An epoch of learning: n_updates updates with their target copies, then the state decay.
+
+    Updates that are not finite change no model, nor do those after them if `config.not_finite` is
+    "stop"; the first is handed out. Metrics are means over the others.
+    """
+    copies, period = config.num_updates // config.target_period, config.target_period
+    keys = jax.random.split(named(state.key, "update", state.epoch), (copies, period))
+    numbers = jnp.arange(config.num_updates, dtype=jnp.int32).reshape(copies, period)
     arrays, static = eqx.partition(state, eqx.is_array)
 
-    def one(arrays: AgentState, key: PRNGKeyArray) -> tuple[AgentState, Metrics]:
-        state, metrics = update_once(config, eqx.combine(arrays, static), key=key)
-        return eqx.filter(state, eqx.is_array), metrics
+    def one(
+        carry: tuple[AgentState, guard.Fault], now: tuple[Int[Array, ""], PRNGKeyArray]
+    ) -> tuple[tuple[AgentState, guard.Fault], tuple[Metrics, Bool[Array, ""]]]:
+        (arrays, fault), (number, key) = carry, now
+        state = eqx.combine(arrays, static)
+        after, metrics, batch = update_once(config, state, key=key)
+        fine = guard.finite(metrics)
+        fault = guard.first(fault, number, batch, fine)
+        taken = fine if config.not_finite == "roll-back" else fault.update < 0
+        after = after._replace(
+            models=guard.chosen(taken, after.models, state.models),
+            optimisers=guard.chosen(taken, after.optimisers, state.optimisers),
+        )
+        return (eqx.filter(after, eqx.is_array), fault), (metrics, taken)
 
     def until_next_copy(
-        arrays: AgentState, keys: Key[Array, " updates"]
-    ) -> tuple[AgentState, Metrics]:
+        carry: tuple[AgentState, guard.Fault], now: tuple[Int[Array, " n"], Key[Array, " n"]]
+    ) -> tuple[tuple[AgentState, guard.Fault], tuple[Metrics, Bool[Array, " n"]]]:
+        arrays, fault = carry
         arrays = arrays._replace(target_value=arrays.models.value, copies=arrays.copies + 1)
-        return jax.lax.scan(one, arrays, keys)
+        return jax.lax.scan(one, (arrays, fault), now)
 
-    arrays, every = jax.lax.scan(until_next_copy, arrays, keys)
+    begun = arrays, guard.no_fault(config, state.replay.transitions)
+    (arrays, fault), (every, taken) = jax.lax.scan(until_next_copy, begun, (numbers, keys))
     state = eqx.combine(arrays, static)
-    metrics = {name: values.mean() for name, values in every.items()}
+    metrics = {name: values.mean(where=taken) for name, values in every.items()}
+    fault = fault._replace(metrics={n: x.reshape(-1)[fault.update] for n, x in every.items()})
+    metrics["update/taken"] = taken.mean(dtype=jnp.float32)
     metrics |= rb.replay_metrics(config, state.replay)
     metrics |= ep.episode_metrics(state.episodes)
     state = state._replace(
@@ -150,12 +171,12 @@ def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics]:
         episodes=state.episodes._replace(tally=jnp.zeros(3)),
         epoch=state.epoch + 1,
     )
-    return state, metrics
+    return state, metrics, fault
 
 
 def update_once(
     config: Config, state: AgentState, *, key: PRNGKeyArray
-) -> tuple[AgentState, Metrics]:
+) -> tuple[AgentState, Metrics, guard.Batch]:
     """The body of Algorithm 1's `for update`, with all models stepping at once [D11]."""
     models = state.models
     minibatch = rb.sample(config, state.replay, key=named(key, "replay"))
@@ -190,4 +211,5 @@ def update_once(
         "policy/off_support": improvement.off_support.max(),
         "curriculum/used": use.mean(dtype=jnp.float32),
     }
-    return state._replace(models=models, optimisers=optimisers, replay=replay), metrics
+    state = state._replace(models=models, optimisers=optimisers, replay=replay)
+    return state, metrics, guard.Batch(minibatch, starts, improvement.action, improvement.value)

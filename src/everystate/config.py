@@ -155,6 +155,9 @@ class Config:
     """Epochs between checkpoints."""
     evaluation_period: int = 0
     """Epochs between evaluations on the body's goal suite during training; 0 is never."""
+    not_finite: Literal["stop", "roll-back"] = "stop"
+    """What an update with a loss or gradient that is not finite does: stop the run, or leave the
+    models as they were and go on with the next."""
 
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(Config).items():

@@ -122,6 +122,23 @@ def read_json(path: Path) -> dict[str, Any]:
     return value
 
 
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """The JSON objects of a file with one a line, up to the first line that is none.
+
+    A run that was killed may have left its last line cut short.
+    """
+    found = []
+    for line in path.read_text(errors="replace").splitlines() if path.exists() else []:
+        try:
+            value = json.loads(line)
+        except (ValueError, RecursionError):
+            break
+        if not isinstance(value, dict):
+            break
+        found.append(value)
+    return found
+
+
 def config_to_json(config: Config) -> dict[str, Any]:
     """The fields of a config; JSON has no infinity, so that one is a string."""
     values = {

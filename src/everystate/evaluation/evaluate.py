@@ -1,6 +1,5 @@
 """Sends an agent to every goal of a suite, all at once, and measures how that went."""
 
-import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from jaxtyping import Float
 from rich.table import Table
 
 from everystate.agent import config_to_json, load, step_seed
+from everystate.agent.files import read_lines
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.evaluation import metrics, suites
 from everystate.evaluation.agents import Agent
@@ -112,17 +112,9 @@ def rollout(
 
 def coverage(run: Path | None) -> dict[str, float] | None:
     """What the run's last line of metrics says of coverage; None without a run."""
-    path = run / "metrics.jsonl" if run is not None else None
-    if path is None or not path.is_file():
-        return None
-    found: dict[str, float] = {}
-    for line in path.read_text().splitlines():
-        try:
-            last = json.loads(line)
-        except ValueError:  # cut short, by a run that was killed or is going on
-            break
-        found = {n.removeprefix("coverage/"): x for n, x in last.items() if n[:9] == "coverage/"}
-    return found or None
+    lines = read_lines(run / "metrics.jsonl") if run is not None else []
+    last = lines[-1] if lines else {}
+    return {n.removeprefix("coverage/"): x for n, x in last.items() if n[:9] == "coverage/"} or None
 
 
 def table(result: Mapping[str, Any]) -> Table:

@@ -63,8 +63,18 @@ def add(
     goal_log_weights: Float[Array, " n"],
     transition_log_weights: Float[Array, " n"],
 ) -> Replay:
-    """Writes n transitions over the oldest, their s' with weight 1 as states (Algorithm 1)."""
+    """Writes n transitions over the oldest, their s' with weight 1 as states (Algorithm 1).
+
+    Log-weights that are not finite become the buffer's centre.
+    """
     count, how = goal_log_weights.shape[0], tempering(config)
+    goal_log_weights, transition_log_weights = (
+        jnp.where(jnp.isfinite(log), log, weights.centre)
+        for log, weights in (
+            (goal_log_weights, replay.goals),
+            (transition_log_weights, replay.of_transitions),
+        )
+    )
     slots = (replay.position + jnp.arange(count, dtype=jnp.int32)) % replay.capacity
     return Replay(
         jax.tree.map(lambda ring, new: ring.at[slots].set(new), replay.transitions, transitions),

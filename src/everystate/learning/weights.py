@@ -79,7 +79,8 @@ def weigh(log: Float[Array, " slots"], how: Tempering) -> Weights:
 def refresh(
     weights: Weights, how: Tempering, slots: Int[Array, " n"], log: Float[Array, " n"]
 ) -> Weights:
-    """With other weights in some slots."""
+    """With other weights in some slots, which keep theirs where the new one is not finite."""
+    log = jnp.where(jnp.isfinite(log), log, weights.log[slots])
     logs = weights.log.at[slots].set(log)
     weights = weights._replace(log=logs)
     in_blocks = slots // WIDTH

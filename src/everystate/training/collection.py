@@ -1,5 +1,6 @@
 """Collection: bodies that act, first at random and then as the agent says."""
 
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -13,12 +14,15 @@ from jaxtyping import Float32
 from everystate.algorithm import AgentState, Scale
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv
+from everystate.errors import EverystateError
 from everystate.learning.replay import Transitions
 from everystate.training import coverage
 from everystate.training.checkpoint import Snapshot
 from everystate.training.learner import Learner, begin
 
 MAX_SAMPLES = 500
+_LARGEST_SAMPLES = 1 << 28
+"""Bytes: 500 states and 100,000 goals of 256 components, and the cells."""
 
 
 class Steps(NamedTuple):
@@ -96,6 +100,31 @@ def save_samples(folder: Path, steps: Steps, snapshot: Snapshot) -> None:
         goals=goals,
         visited=snapshot.visited,
     )
+
+
+def read_samples(path: Path) -> dict[str, np.ndarray]:
+    """What `save_samples` wrote.
+
+    Raises:
+        EverystateError: the file is damaged, or unpacks to more than any such file.
+    """
+    try:
+        with zipfile.ZipFile(path) as packed:
+            size = sum(item.file_size for item in packed.infolist())
+        if size > _LARGEST_SAMPLES:
+            raise ValueError(f"it unpacks to {size} bytes, more than {_LARGEST_SAMPLES}")
+        with np.load(path) as arrays:
+            return {name: arrays[name] for name in ("next_observations", "goals", "visited")}
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        EOFError,
+        NotImplementedError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        raise EverystateError(f"{path} is damaged ({type(error).__name__}: {error})") from error
 
 
 def bounds(env: BodyVectorEnv) -> tuple[Float32[np.ndarray, " s"], Float32[np.ndarray, " s"]]:

@@ -1,19 +1,18 @@
 """The algorithm's functions, compiled once for a run."""
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from everystate import algorithm
-from everystate.agent import named_arrays
 from everystate.algorithm import AgentState, Scale
 from everystate.config import Config
+from everystate.learning.guard import Fault
 from everystate.learning.keys import named
 from everystate.learning.replay import Transitions
 
@@ -23,7 +22,7 @@ class Learner(NamedTuple):
 
     act: Callable[[AgentState, Float[Array, "bodies s"]], tuple[AgentState, Array]]
     observe: Callable[[AgentState, Transitions], AgentState]
-    update: Callable[[AgentState], tuple[AgentState, dict[str, Float[Array, ""]]]]
+    update: Callable[[AgentState], tuple[AgentState, dict[str, Float[Array, ""]], Fault]]
     """Its argument is used up: the new state takes over its memory."""
 
 
@@ -73,15 +72,3 @@ def _own(leaf):
     if not eqx.is_array(leaf) or jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
         return leaf
     return jnp.array(leaf, leaf.dtype)
-
-
-def first_not_finite(metrics: Mapping[str, float], models: Any) -> str | None:
-    """The name of the first metric or array of the models with a NaN or an infinity, if any."""
-    for name, value in metrics.items():
-        if not abs(value) < float("inf"):
-            return f"metric {name} is {value}"
-    # On the host: a program for it would take longer to load than it ever runs.
-    for name, array in named_arrays(models).items():
-        if not np.isfinite(np.asarray(array)).all():
-            return f"the model's {name} has a value that is not finite"
-    return None

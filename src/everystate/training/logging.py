@@ -1,15 +1,17 @@
 """What a run says of itself: metrics.jsonl, TensorBoard, and a progress bar or plain lines."""
 
+import functools
+import itertools
 import json
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from tensorboardX import SummaryWriter
 
+from everystate.agent.files import read_lines
 from everystate.training.rundir import write_atomically
 
 Show = Literal["bar", "plain", "nothing"]
@@ -17,15 +19,14 @@ _PLAIN_LINES = 20  # About how many a whole run prints.
 
 
 def read_metrics(folder: Path) -> list[dict[str, int | float]]:
-    """The epochs of a run's metrics.jsonl; a last line that was cut short is left out."""
-    epochs = []
-    path = folder / "metrics.jsonl"
-    for line in path.read_text().splitlines() if path.exists() else []:
-        try:
-            epochs.append(json.loads(line))
-        except ValueError:
-            break
-    return epochs
+    """The epochs of a run's metrics.jsonl; what was cut short or damaged ends them."""
+    lines = read_lines(folder / "metrics.jsonl")
+    sound = (isinstance(line.get("epoch"), int) and _are_numbers(line) for line in lines)
+    return [line for line, _ in zip(lines, itertools.takewhile(bool, sound), strict=False)]
+
+
+def _are_numbers(line: Mapping[str, object]) -> bool:
+    return all(isinstance(value, (int, float)) for value in line.values())
 
 
 class Log:
@@ -40,10 +41,10 @@ class Log:
         kept = [line for line in read_metrics(folder) if line["epoch"] <= done]
         text = "".join(json.dumps(line) + "\n" for line in kept)
         write_atomically(folder / "metrics.jsonl", text)
-        self.elapsed_before = kept[-1]["time/elapsed_s"] if kept else 0.0
+        self.elapsed_before = kept[-1].get("time/elapsed_s", 0.0) if kept else 0.0
         self._epochs, self._done, self._show = epochs, done, show
         self._file = (folder / "metrics.jsonl").open("a", buffering=1)
-        self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1)
+        self._folder = folder
         self._bar = Progress(
             TextColumn("epoch {task.completed:.0f}/{task.total:.0f}"),
             BarColumn(),
@@ -56,7 +57,6 @@ class Log:
     def __enter__(self) -> "Log":
         with ExitStack() as stack:
             stack.enter_context(self._file)
-            stack.callback(self._board.close)
             stack.enter_context(self._bar)
             self._stack = stack.pop_all()
         return self
@@ -68,9 +68,7 @@ class Log:
         """Logs one epoch; `metrics` has `epoch` and `steps` among its names."""
         self._file.write(json.dumps(metrics, allow_nan=False) + "\n")
         epoch = int(metrics["epoch"])
-        for name, value in metrics.items():
-            if name != "epoch":
-                self._board.add_scalar(name, value, epoch)
+        self._board.epoch(epoch, metrics)
         status = (
             f"{int(metrics['steps']):,} steps, {metrics['time/updates_per_s']:.0f} updates/s, "
             f"{100 * metrics['episode/reached']:.0f} % of goals reached"
@@ -79,6 +77,13 @@ class Log:
         every = max(1, self._epochs // _PLAIN_LINES)
         if self._show == "plain" and (epoch % every == 0 or epoch == self._epochs):
             print(f"epoch {epoch}/{self._epochs}: {status}", flush=True)
+
+    @functools.cached_property
+    def _board(self) -> Any:
+        # Not before it is needed: it imports PyTorch wherever that is installed, for seconds.
+        from everystate.training.tensorboard import Board
+
+        return self._stack.enter_context(Board(self._folder / "tensorboard", self._done))
 
     def say(self, message: str) -> None:
         """A line for whoever watches."""

@@ -18,7 +18,7 @@ from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.presets import preset as preset_of
-from everystate.training import checkpoint, coverage
+from everystate.training import checkpoint, coverage, faults
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import (
     action_size,
@@ -29,7 +29,7 @@ from everystate.training.collection import (
     warm_up,
     world_metrics,
 )
-from everystate.training.learner import compiled, first_not_finite
+from everystate.training.learner import compiled
 from everystate.training.logging import Log, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
 
@@ -67,8 +67,9 @@ def train(
     keep_compiled_programs()
     options = envs.parse_options(config.body_options)
     env = envs.make(config.body, config.num_bodies, config.seed, **options)
-    with open_run(Path(run_dir or default_run_dir(config, preset)), config) as folder:
-        snapshot = checkpoint.restore(folder / "checkpoints", config, action_size(env))
+    with _written(), open_run(Path(run_dir or default_run_dir(config, preset)), config) as folder:
+        sizes = len(env.state_names), action_size(env)
+        snapshot = checkpoint.restore(folder / "checkpoints", config, *sizes)
         done = snapshot.epoch if snapshot else 0
         with (
             _interrupts() as interrupted,
@@ -112,14 +113,18 @@ def _run(
         jax.block_until_ready(agent.replay.size)
 
         between = time.perf_counter()
-        agent, learned = learner.update(agent)
+        agent, learned, fault = learner.update(agent)
         metrics = {name: float(value) for name, value in jax.device_get(learned).items()}
         after = time.perf_counter()
-        if problem := first_not_finite(metrics, agent.models):
-            raise EverystateError(
-                f"training stopped in epoch {epoch}: {problem}. The last good checkpoint is kept in"
-                f" {folder / 'checkpoints'}; try a lower learning_rate or gradient_clip"
-            )
+        met = _agent(config, env, snapshot._replace(agent=agent))
+        if problem := faults.report(folder, epoch, metrics, fault, met):
+            if config.not_finite == "stop" or faults.not_finite(metrics):
+                raise EverystateError(
+                    f"training stopped {problem}. The last good checkpoint is kept in"
+                    f" {folder / 'checkpoints'}; try a lower learning_rate or gradient_clip, or"
+                    f" --not-finite roll-back to go on without such updates"
+                )
+            log.say(f"left out {problem}")
 
         visited = coverage.visit(snapshot.visited, steps.next_observations, *bounds(env))
         snapshot = Snapshot(agent, env.get_state(), observations, visited)
@@ -154,6 +159,19 @@ def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
 def _evaluation_metrics(agent: Agent) -> dict[str, float]:
     success = evaluation.evaluate(agent, plan=False)["success"]
     return {f"eval/success@0.5/{name}": region["0.5"]["last"] for name, region in success.items()}
+
+
+@contextmanager
+def _written() -> Iterator[None]:
+    """What the disk refuses, as an error of ours."""
+    try:
+        yield
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        raise EverystateError(
+            f"cannot write{where} ({error.strerror}): the last checkpoint is kept; once there is"
+            f" room to write, the same command goes on from there"
+        ) from error
 
 
 @contextmanager

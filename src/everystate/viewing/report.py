@@ -15,6 +15,7 @@ from everystate.agent import load
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
 from everystate.evaluation import suites
+from everystate.training.collection import read_samples
 from everystate.training.logging import read_metrics
 from everystate.viewing import maps, page, plots
 from everystate.viewing.figures import EVALUATED
@@ -199,15 +200,18 @@ def on_the_map(
         found.append(arrows)
     samples = sorted((run_dir / "samples").glob("*.npz"))
     if samples:
-        with np.load(samples[-1]) as arrays:
-            visited, training = arrays["next_observations"], arrays["goals"]
+
+        def drawn() -> Figure:
+            found = read_samples(samples[-1])
+            return maps.goal_cloud(agent, env, found["next_observations"], found["goals"])
+
         cloud = Picture(
             "goals",
             "What it wants to try",
             f"Left: states visited in epoch {int(samples[-1].stem)} and the goals of that time."
             " Right: goals the agent proposes to itself now, each the least likely of those it"
             " imagined. The grey frame is where the body can be.",
-            lambda: maps.goal_cloud(agent, env, visited, training),
+            drawn,
         )
         found.append(cloud)
     return found
