@@ -1,25 +1,32 @@
 """A damaged file is read or refused, never a traceback: `python tests/fuzz_files.py [EXAMPLES]`.
 
-Damages agents, goal suites and configs of runs, and fails with the shortest damage that is neither
-read nor refused by an `EverystateError`. It runs in a process of its own, as users do: under
-pytest types are checked that are not checked elsewhere.
+Damages agents, goal suites, and the configs, metrics, samples and checkpoints of runs, and fails
+with the shortest damage that is neither read nor refused by an `EverystateError`. It runs in a
+process of its own, as users do: under pytest types are checked that are not checked elsewhere.
 """
 
 import json
+import resource
 import shutil
 import sys
 import tempfile
+import warnings
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from everystate import load
+from everystate import load, train
 from everystate.errors import EverystateError
 from everystate.evaluation import suites
 from everystate.presets import preset
+from everystate.training import checkpoint
+from everystate.training.collection import read_samples
+from everystate.training.logging import read_metrics
 from everystate.training.rundir import open_run
 
 SOUND = Path(suites.__file__).parents[1] / "agents" / "ramp-pointmass"
@@ -28,7 +35,9 @@ ARRAYS = (SOUND / "agent.safetensors").read_bytes()
 SUITE = (suites.FOLDER / "cartpole.json").read_text()
 DEEP = b"[" * 5_000
 FOLDER = Path(tempfile.mkdtemp())
-CONFIG, RUN = preset("test"), FOLDER / "run"
+CONFIG, RUN = preset("test", epochs=1), FOLDER / "run"
+MEMORY = 1 << 30
+"""Bytes by which reading one file may make the process larger."""
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
@@ -83,8 +92,19 @@ def claim() -> None:
         pass
 
 
-claim()
-RUN_CONFIG = (RUN / "config.json").read_text()
+train(CONFIG, run_dir=RUN, progress=False)
+RUN_CONFIG, METRICS = (RUN / "config.json").read_text(), (RUN / "metrics.jsonl").read_text()
+SAMPLES = (RUN / "samples" / "000001.npz").read_bytes()
+CHECKPOINT = RUN / "checkpoints" / "000001"
+PARTS = sorted(p.relative_to(CHECKPOINT) for p in CHECKPOINT.rglob("*") if p.is_file())
+
+
+def bomb() -> bytes:
+    """Samples that say of themselves that they are large: a gigabyte of zeros, of a megabyte."""
+    path = FOLDER / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("goals.npy", bytes(MEMORY))
+    return path.read_bytes()
 
 
 @given(content=damaged(AGENT))
@@ -123,13 +143,93 @@ def a_runs_config(content: bytes) -> None:
     survives(claim)
 
 
+@given(content=damaged(METRICS.splitlines()[0]))
+@example(content=DEEP)
+@example(content=b"\xff\xfe")
+def a_runs_metrics(content: bytes) -> None:
+    """metrics.jsonl, of which a run that goes on reads the lines before."""
+    (RUN / "metrics.jsonl").write_bytes(content)
+    survives(lambda: read_metrics(RUN))
+
+
+@given(at=st.integers(0, len(SAMPLES) - 1), byte=st.none() | st.integers(0, 255))
+def a_runs_samples(at: int, byte: int | None) -> None:
+    """samples/*.npz."""
+    path = FOLDER / "samples.npz"
+    path.write_bytes(SAMPLES[:at] + (b"" if byte is None else bytes([byte]) + SAMPLES[at + 1 :]))
+    survives(lambda: read_samples(path))
+
+
+@st.composite
+def damaged_part(draw: st.DrawFn) -> tuple[Path, bytes | None]:
+    """One file of a checkpoint, as it may have become; None where it is gone."""
+    part = draw(st.sampled_from(PARTS))
+    content = bytearray((CHECKPOINT / part).read_bytes())
+    kind = draw(st.sampled_from(["gone", "cut", "changed", "head changed"]))
+    if kind == "gone":
+        return part, None
+    at = draw(st.integers(0, min(len(content), 2_000 if kind == "head changed" else 10**9) - 1))
+    if kind == "cut":
+        return part, bytes(content[:at])
+    content[at] = draw(st.integers(0, 255))
+    return part, bytes(content)
+
+
+@given(part=damaged_part())
+def a_checkpoint(part: tuple[Path, bytes | None]) -> None:
+    """Any file of a checkpoint; what is restored of one that was changed is what it was."""
+    path, content = part
+    folder = FOLDER / "checkpoints"
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(CHECKPOINT, folder / "000001")
+    if content is None:
+        (folder / "000001" / path).unlink()
+    else:
+        (folder / "000001" / path).write_bytes(content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        survives(lambda: checkpoint.restore(folder, CONFIG, 2, 2))
+
+
+def bombs() -> None:
+    """Files that unpack to far more than they are."""
+    path = FOLDER / "samples.npz"
+    path.write_bytes(bomb())
+    before = peak()
+    survives(lambda: read_samples(path))
+    assert peak() - before < MEMORY / 2
+    np.savez(path, goals=np.array([print], dtype=object), next_observations=0, visited=0)
+    survives(lambda: read_samples(path))  # nor is it unpickled
+
+
+def peak() -> int:
+    """The most memory the process had, in bytes."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+CHECKS = (
+    an_agent,
+    its_arrays,
+    a_goal_suite,
+    a_runs_config,
+    a_runs_metrics,
+    a_runs_samples,
+    a_checkpoint,
+)
+
+
 def main() -> None:
     """Every kind of file, so many times each."""
     examples = int(sys.argv[1]) if len(sys.argv) > 1 else 500
     try:
-        for check in (an_agent, its_arrays, a_goal_suite, a_runs_config):
+        bombs()
+        before = peak()
+        for check in CHECKS:
             settings(max_examples=examples, deadline=None, derandomize=True, database=None)(check)()
             print(f"{check.__name__}: {examples} examples, none of them a traceback")
+        grown = peak() - before
+        assert grown < MEMORY, f"reading them took {grown} bytes"
+        print(f"most memory taken beyond the start's: {grown / 1e6:.0f} MB")
     finally:
         shutil.rmtree(FOLDER)
 

@@ -1,6 +1,7 @@
 """The studio lets in whom it should, and nobody hinders the others."""
 
 import asyncio
+import contextlib
 import http.client
 from collections.abc import Iterator
 from contextlib import closing
@@ -188,3 +189,25 @@ def test_a_flood_is_heard_to_its_end_and_stops_nobody(local: Studio) -> None:
     before = local.world.steps
     asyncio.run(asyncio.wait_for(flood(), 60))
     until(lambda: local.world.steps > before)
+
+
+def test_many_clients_that_do_not_listen_neither_stop_it_nor_fill_its_memory(
+    local: Studio,
+) -> None:
+    """What is not read yet is replaced by what is newer, not heaped up."""
+    waiting = local._server._websock_server._broadcast_buffer.message_from_id
+
+    async def crowd() -> tuple[int, int]:
+        async with contextlib.AsyncExitStack() as stack:
+            for _ in range(20):
+                await stack.enter_async_context(connect(local, max_queue=1))
+            sizes = []
+            for _ in range(2):
+                begun = local.world.steps
+                while local.world.steps < begun + 40:
+                    await asyncio.sleep(0.05)
+                sizes.append(len(waiting))
+            return sizes[0], sizes[1]
+
+    before, after = asyncio.run(asyncio.wait_for(crowd(), 60))
+    assert after <= before + 5

@@ -1,0 +1,106 @@
+"""A million environment steps with learning: does a long run stay as it began?
+
+    python experiments/soak.py [STEPS]
+
+Trains the Ramp Pointmass by small models, and looks once a second from outside at the process:
+resident memory, open files, threads. `results/soak/soak.json` gets their medians over each tenth of
+the run, and of the seconds an epoch took; `soak.png` shows all of them.
+"""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+import matplotlib.pyplot as plt
+
+from everystate.evaluation.provenance import provenance
+from everystate.training.logging import read_metrics
+
+RESULTS = Path(__file__).resolve().parent.parent / "results" / "soak"
+PER_EPOCH = 2_500
+OPTIONS = (
+    "--preset test --num-bodies 50 --steps-per-epoch 50 --capacity 100000 --width 32"
+    " --num-updates 20 --target-period 10 --checkpoint-period 20 --quiet"
+)
+SHOWN = {
+    "memory_mb": "resident memory, MB",
+    "files": "open files",
+    "threads": "threads",
+    "epoch_s": "seconds an epoch",
+}
+
+
+def look(pid: int) -> dict[str, float] | None:
+    """What the kernel says of a process, or None once it has ended."""
+    place = Path(f"/proc/{pid}")
+    try:
+        pages = int((place / "statm").read_text().split()[1])
+        return {
+            "at_s": time.monotonic(),
+            "memory_mb": pages * os.sysconf("SC_PAGE_SIZE") / 2**20,
+            "files": len(list((place / "fd").iterdir())),
+            "threads": len(list((place / "task").iterdir())),
+        }
+    except (OSError, IndexError):
+        return None
+
+
+def soak(epochs: int, run: Path) -> tuple[list[dict[str, float]], list[float]]:
+    """Looks during the run, and the seconds of every epoch."""
+    words = ["train", "ramp-pointmass", *OPTIONS.split(), "--epochs", str(epochs)]
+    command = [sys.executable, "-m", "everystate", *words, "--run-dir", str(run)]
+    looks = []
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        while process.poll() is None:
+            if seen := look(process.pid):
+                looks.append(seen)
+            time.sleep(1)
+    if process.returncode:
+        raise SystemExit(f"{' '.join(command)} ended with {process.returncode}")
+    elapsed = [line["time/elapsed_s"] for line in read_metrics(run)]
+    times = [after - before for before, after in itertools.pairwise(elapsed)]
+    return looks, times
+
+
+def tenths(values: list[float]) -> list[float]:
+    """The median of each tenth."""
+    ends = [round(i * len(values) / 10) for i in range(11)]
+    return [median(values[a:b]) for a, b in itertools.pairwise(ends)]
+
+
+def main() -> None:
+    """Runs, and writes both files."""
+    steps = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
+    with tempfile.TemporaryDirectory() as folder:
+        looks, times = soak(steps // PER_EPOCH, Path(folder) / "run")
+    # A start loads and compiles: what it takes says nothing of what follows.
+    looks = looks[len(looks) // 20 :]
+    series = {name: [look[name] for look in looks] for name in ("memory_mb", "files", "threads")}
+    series["epoch_s"] = times
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    said = {
+        "command": f"python experiments/soak.py {steps}",
+        "options": OPTIONS,
+        "environment_steps": steps,
+        "minutes": round(sum(times) / 60, 1),
+        "tenths": {name: [round(x, 3) for x in tenths(x)] for name, x in series.items()},
+        "provenance": provenance(),
+    }
+    (RESULTS / "soak.json").write_text(json.dumps(said, indent=1) + "\n")
+    figure, axes = plt.subplots(2, 2, figsize=(9, 5), layout="constrained")
+    for axis, (name, title) in zip(axes.flat, SHOWN.items(), strict=True):
+        axis.plot(range(5, 105, 10), tenths(series[name]), marker="o", linewidth=2)
+        axis.set(title=title, xlabel="per cent of the run", xlim=(0, 100))
+        axis.set_ylim(0, 1.3 * max(series[name]))
+    figure.savefig(RESULTS / "soak.png", dpi=120)
+    print(json.dumps(said["tenths"]))
+
+
+if __name__ == "__main__":
+    main()

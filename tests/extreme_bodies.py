@@ -1,0 +1,77 @@
+"""Bodies that numbers break on, and a run of each: `python tests/extreme_bodies.py [EPOCHS]`.
+
+All are points in a box, whose observation is something else: in units of 1e12 and 1e-12 at once,
+with a component that never changes, that jumps, or that is there twice. Trains by `quick`; the last
+line is one JSON object, kept for 20 epochs in results/trust/extreme-bodies.json.
+"""
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+Point = np.ndarray
+OBSERVED: dict[str, Callable[[Point], list[float]]] = {
+    "Huge": lambda x: [1e12 * x[0], 1e-12 * x[1]],
+    "Offset": lambda x: [1e6 + x[0], -1e6 + x[1]],
+    "Constant": lambda x: [x[0], x[1], 3.0],
+    "Jumping": lambda x: [x[0], x[1], 100.0 * np.sign(x[0])],
+    "Twice": lambda x: [x[0], x[1], x[0]],
+    "Still": lambda x: [0.0, 0.0],
+}
+
+
+class Extreme(gymnasium.Env):
+    """A point that moves by a tenth of its action, and how it is seen."""
+
+    def __init__(self, name: str, render_mode: str | None = None) -> None:
+        self._seen = OBSERVED[name]
+        size = len(self._seen(np.zeros(2)))
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        super().reset(seed=seed)
+        self._x = self.np_random.uniform(-1, 1, 2)
+        return np.array(self._seen(self._x)), {}
+
+    def step(self, action):
+        self._x = np.clip(self._x + 0.1 * action, -1, 1)
+        return np.array(self._seen(self._x)), 0.0, False, False, {}
+
+
+for _name in OBSERVED:
+    gymnasium.register(f"{_name}-v0", f"{__name__}:Extreme", kwargs={"name": _name})
+
+
+def main() -> None:
+    """One run of each."""
+    import everystate
+    from everystate.training.logging import read_metrics
+
+    sys.modules["extreme_bodies"] = sys.modules[__name__]
+    epochs = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    result = {}
+    for name in OBSERVED:
+        gymnasium.register(f"{name}-v0", "extreme_bodies:Extreme", kwargs={"name": name})
+        with tempfile.TemporaryDirectory() as folder:
+            run = everystate.train(
+                f"extreme_bodies:{name}-v0",
+                run_dir=Path(folder) / "run",
+                progress=False,
+                epochs=epochs,
+            )
+            last = read_metrics(run)[-1]
+        kept = ("epoch", "update/taken", "loss/f", "loss/d", "loss/V", "loss/pi", "loss/c")
+        result[name] = {key: last[key] for key in kept}
+        print(name, result[name], flush=True)
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()
