@@ -1,0 +1,131 @@
+"""Does the suite notice a wrong program? `python tests/mutants.py [PER_MODULE]`.
+
+Changes one place of a module at a time (a number, an operator, a comparison, ... as Cosmic Ray
+does), in a copy, and runs the module's tests there; a mutant that they let live meets those of the
+whole algorithm too. Draws so many mutants of every module below. Writes results/trust/mutants.json,
+in which those that survived can be read. Needs the extra `mutation`.
+"""
+
+import difflib
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import Queue
+from typing import NamedTuple
+
+from cosmic_ray.ast import ast_nodes, get_ast_from_path
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator, operator_names
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULT = ROOT / "results" / "trust" / "mutants.json"
+TESTS = {
+    "learning/bijections.py": "test_bijections.py test_flows.py",
+    "learning/flows.py": "test_flows.py test_bijections.py",
+    "learning/weights.py": "test_weights.py test_replay.py",
+    "learning/replay.py": "test_replay.py",
+    "learning/search.py": "test_search.py test_policy.py",
+    "learning/policy.py": "test_policy.py",
+    "training/checkpoint.py": "test_checkpoint.py",
+}
+OF_ALL = "test_algorithm.py test_training.py"
+TYPES = "BitOr"
+"""An operator that is there in annotations only, where changing it is no test of a test."""
+
+
+class Mutant(NamedTuple):
+    """One change of one module."""
+
+    module: str
+    operator: str
+    occurrence: int
+
+
+def mutants(module: str) -> list[Mutant]:
+    """All there are of a module."""
+    tree = get_ast_from_path(ROOT / "src/everystate" / module)
+    found = []
+    for name in operator_names():
+        operator_class = get_operator(name)
+        if operator_class.arguments() or TYPES in name:
+            continue
+        operator = operator_class()
+        places = sum(len([*operator.mutation_positions(node)]) for node in ast_nodes(tree))
+        found += [Mutant(module, name, i) for i in range(places)]
+    return found
+
+
+def passes(copy: Path, tests: str) -> bool:
+    """Whether tests pass in a copy; what never ends does not."""
+    files = [f"tests/{name}" for name in tests.split()]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:randomly", *files]
+    environment = os.environ | {"PYTHONPATH": str(copy / "src")}
+    try:
+        done = subprocess.run(
+            command, cwd=copy, env=environment, capture_output=True, text=True, timeout=600
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def judge(mutant: Mutant, copy: Path) -> dict[str, object]:
+    """Whether it was killed, and what it is."""
+    path = copy / "src/everystate" / mutant.module
+    whole = path.read_text()
+    changed = mutate_code(whole, get_operator(mutant.operator)(), mutant.occurrence)
+    assert changed is not None, mutant
+    path.write_text(changed)
+    try:
+        killed = not passes(copy, TESTS[mutant.module]) or not passes(copy, OF_ALL)
+    finally:
+        path.write_text(whole)
+    lines = difflib.unified_diff(whole.splitlines(), changed.splitlines(), lineterm="", n=0)
+    return {"module": mutant.module, "killed": killed, "diff": [*lines][2:]}
+
+
+def main() -> None:
+    """Draws them, judges them on every core, and keeps what came of it."""
+    per_module = int(sys.argv[1]) if len(sys.argv) > 1 else 15
+    rng = random.Random(0)
+    drawn = [one for module in TESTS for one in rng.sample(mutants(module), per_module)]
+    copies: Queue[Path] = Queue()
+    with tempfile.TemporaryDirectory() as folder:
+        for i in range(len(os.sched_getaffinity(0))):
+            copy = Path(folder) / f"copy{i}"
+            for name in ("src", "tests"):
+                shutil.copytree(ROOT / name, copy / name)
+            shutil.copy(ROOT / "pyproject.toml", copy)
+            copies.put(copy)
+        for tests in {*TESTS.values(), OF_ALL}:
+            if not passes(copy, tests):
+                raise SystemExit(f"{tests} must pass before anything is changed")
+
+        def job(mutant: Mutant) -> dict[str, object]:
+            copy = copies.get()
+            try:
+                judged = judge(mutant, copy)
+            finally:
+                copies.put(copy)
+            print("killed" if judged["killed"] else "LIVES", mutant, flush=True)
+            return judged
+
+        with ThreadPoolExecutor(copies.qsize()) as pool:
+            judged = [*pool.map(job, drawn)]
+    killed = sum(bool(one["killed"]) for one in judged)
+    said = {"mutants": len(judged), "killed": killed, "share": round(killed / len(judged), 3)}
+    lived = [one for one in judged if not one["killed"]]
+    RESULT.parent.mkdir(parents=True, exist_ok=True)
+    by_module = {m: sum(bool(o["killed"]) for o in judged if o["module"] == m) for m in TESTS}
+    RESULT.write_text(json.dumps(said | {"by_module": by_module, "lived": lived}, indent=1) + "\n")
+    print(json.dumps(said))
+
+
+if __name__ == "__main__":
+    main()
