@@ -2,8 +2,8 @@
 
 A short run is killed (SIGKILL) at random moments and started again by the same command, until it
 was killed so often; then it may finish. Its metrics, but for their times, and its last checkpoint
-must be, bit for bit, those of a run that nobody disturbed. Moments are drawn evenly from two
-epochs, checkpoint writes included, that begin as the run goes on; one in eight from its start.
+must be, bit for bit, those of a run that nobody disturbed. Moments are drawn evenly from the two
+epochs, checkpoint writes included, after the first that was logged; one in eight from a start.
 The last line is one JSON object; what is kept of 100 kills is in results/trust/kills.json.
 """
 
@@ -38,12 +38,15 @@ def start(run: Path, epochs: int) -> subprocess.Popen:
 
 
 def moves_on(run: Path, process: subprocess.Popen) -> bool:
-    """Waits until the run writes to its metrics again; False if it ended before."""
-    metrics = run / "metrics.jsonl"
-    opened = time.time()
+    """Waits until the run has logged an epoch beyond its last checkpoint; False if it ended."""
+    metrics, opened = run / "metrics.jsonl", time.time()
+    done = max((int(p.name) for p in (run / "checkpoints").glob("[0-9]*")), default=0)
     while process.poll() is None:
+        # What was logged before the last kill is there until the run begins its file anew.
         if metrics.exists() and metrics.stat().st_mtime > opened:
-            return True
+            lines = read_metrics(run)
+            if lines and lines[-1]["epoch"] > done:
+                return True
         time.sleep(0.005)
     return False
 
@@ -78,7 +81,7 @@ def last_state(run: Path, epochs: int) -> dict[str, np.ndarray]:
 
 def main() -> None:
     kills = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    epochs, rng = 2 * kills + 5, random.Random(kills)
+    epochs, rng = 4 * kills + 5, random.Random(kills)
     os.environ["JAX_PLATFORMS"] = "cpu"
     during = {"its start": 0, "an epoch": 0, "a checkpoint write": 0}
     with tempfile.TemporaryDirectory() as name:

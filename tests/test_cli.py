@@ -48,7 +48,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
 def test_help_needs_no_jax() -> None:
     script = (
         "import sys; from everystate.cli import main; code = main(['--help']);"
-        "assert not {'jax', 'mujoco', 'orbax'} & {*sys.modules}; sys.exit(code)"
+        "assert not {'jax', 'mujoco', 'flowjax'} & {*sys.modules}; sys.exit(code)"
     )
     shown = subprocess.run(
         [sys.executable, "-c", script], check=True, capture_output=True, text=True

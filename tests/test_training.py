@@ -321,3 +321,26 @@ def test_an_environment_resumes_where_it_stopped() -> None:
     first.step(action)
     second.set_state(first.get_state())
     np.testing.assert_array_equal(first.step(action)[0], second.step(action)[0])
+
+
+def test_what_watches_a_run_does_not_change_it(
+    trained: tuple[Path, list[int]], tmp_path: Path
+) -> None:
+    """Evaluations, more checkpoints and another way of telling leave every number as it is."""
+    straight, _ = trained
+    watched = tmp_path / "watched"
+    train(
+        BODY,
+        preset="test",
+        run_dir=watched,
+        progress="plain",
+        epochs=4,
+        checkpoint_period=1,
+        evaluation_period=2,
+    )
+    without = [
+        {name: x for name, x in line.items() if not name.startswith("eval/")}
+        for line in timeless(watched)
+    ]
+    assert without == timeless(straight)
+    assert any(name.startswith("eval/") for name in read_metrics(watched)[1])

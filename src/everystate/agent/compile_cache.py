@@ -1,10 +1,12 @@
-"""JAX's compiled programs, kept from one process to the next: compiling is most of a short run."""
+"""What JAX compiled, kept from one process to the next: compiling is most of a short run."""
 
 import os
 from pathlib import Path
 
 import jax
 from jax.experimental.compilation_cache import compilation_cache
+
+_ours: list[Path] = []
 
 
 def keep_compiled_programs() -> None:
@@ -15,7 +17,13 @@ def keep_compiled_programs() -> None:
     if jax.config.values["jax_compilation_cache_dir"] is not None:
         return
     default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "everystate"
-    folder = Path(os.environ.get("EVERYSTATE_CACHE") or default) / "jax"
-    jax.config.update("jax_compilation_cache_dir", str(folder))
+    folder = Path(os.environ.get("EVERYSTATE_CACHE") or default)
+    jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     compilation_cache.reset_cache()  # JAX looks only once, and may have looked before.
+    _ours.append(folder / "programs")
+
+
+def programs_folder() -> Path | None:
+    """Where traced programs are kept; nowhere if the cache is not ours."""
+    return _ours[-1] if _ours else None

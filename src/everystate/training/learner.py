@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,9 +12,11 @@ from jaxtyping import Array, Float
 from everystate import algorithm
 from everystate.algorithm import AgentState, Scale
 from everystate.config import Config
+from everystate.learning.episodes import Episodes
 from everystate.learning.guard import Fault
 from everystate.learning.keys import named
 from everystate.learning.replay import Transitions
+from everystate.training.programs import kept
 
 
 class Learner(NamedTuple):
@@ -26,24 +28,31 @@ class Learner(NamedTuple):
     """Its argument is used up: the new state takes over its memory."""
 
 
-def jit(function: Callable, *, donate: Literal["all", "none"] = "none") -> Any:
-    """Compiled as the algorithm's functions are; see `equinox.filter_jit` for `donate`."""
-    # XLA's own loops over few elements are quicker than the YNNPACK calls it would make of them.
-    on_cpu = {"xla_cpu_experimental_ynn_fusion_type": ""}
-    options = on_cpu if jax.default_backend() == "cpu" else {}
-    more: dict[str, Any] = {"donate": donate, "compiler_options": options}
-    return eqx.filter_jit(function, **more)
+def jit(function: Callable) -> Any:
+    """Compiled as the algorithm's functions are."""
+    return eqx.filter_jit(function, compiler_options=_compiler_options())
 
 
 @functools.lru_cache(maxsize=4)
 def compiled(config: Config) -> Learner:
     """Compiles on first use; never again, because states keep their shapes and dtypes."""
 
-    def changed_by_act(state: AgentState, observations: Float[Array, "bodies s"]) -> Any:
+    def changed_by_act(
+        state: AgentState, observations: Float[Array, "bodies s"]
+    ) -> tuple[Episodes, Array, Array]:
         after, actions = algorithm.act(config, state, observations)
         return after.episodes, after.step, actions
 
-    acting = jit(changed_by_act)
+    def observed(state: AgentState, steps: Transitions) -> list[Array]:
+        return _arrays(algorithm.observe(config, state, steps))
+
+    def updated(state: AgentState) -> tuple[list[Array], dict[str, Array], Fault]:
+        state, metrics, fault = algorithm.update(config, state)
+        return _arrays(state), metrics, fault
+
+    acting = _of_arrays("act", config, changed_by_act)
+    observing = _of_arrays("observe", config, observed)
+    updating = _of_arrays("update", config, updated, donate_argnums=0)
 
     def act(
         state: AgentState, observations: Float[Array, "bodies s"]
@@ -52,11 +61,50 @@ def compiled(config: Config) -> Learner:
         episodes, step, actions = acting(state, observations)
         return state._replace(episodes=episodes, step=step), actions
 
-    return Learner(
-        act=act,
-        observe=jit(lambda state, steps: algorithm.observe(config, state, steps)),
-        update=jit(lambda state: algorithm.update(config, state), donate="all"),
-    )
+    def observe(state: AgentState, steps: Transitions) -> AgentState:
+        return _structure(state)(observing(state, steps))
+
+    def update(state: AgentState) -> tuple[AgentState, dict[str, Array], Fault]:
+        arrays, metrics, fault = updating(state)
+        return _structure(state)(arrays), metrics, fault
+
+    return Learner(act, observe, update)
+
+
+def _of_arrays(name: str, config: Config, function: Callable, **options: Any) -> Callable:
+    """A function of a state, compiled as one of its arrays; what else it has is always the same."""
+    made: dict[str, Callable] = {}
+
+    def call(state: AgentState, *more: Any) -> Any:
+        arguments = (_arrays(state), *more)
+        if name not in made:
+            put_in = _structure(state)  # and not the state, whose arrays would stay in memory
+
+            def of_arrays(arrays: list[Array], *more: Any) -> Any:
+                return function(put_in(arrays), *more)
+
+            options["compiler_options"] = _compiler_options()
+            made[name] = kept(name, config, of_arrays, arguments, **options)
+        return made[name](*arguments)
+
+    return call
+
+
+def _arrays(state: AgentState) -> list[Array]:
+    return jax.tree.leaves(eqx.filter(state, eqx.is_array))
+
+
+def _structure(state: AgentState) -> Callable[[list[Array]], AgentState]:
+    """Puts arrays in the place of a state's own."""
+    dynamic, static = eqx.partition(state, eqx.is_array)
+    structure = jax.tree.structure(dynamic)
+    return lambda arrays: eqx.combine(jax.tree.unflatten(structure, arrays), static)
+
+
+def _compiler_options() -> dict[str, str]:
+    # XLA's own loops over few elements are quicker than the YNNPACK calls it would make of them.
+    on_cpu = {"xla_cpu_experimental_ynn_fusion_type": ""}
+    return on_cpu if jax.default_backend() == "cpu" else {}
 
 
 def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
