@@ -1,7 +1,7 @@
 """A trained agent: what it does, and how it is kept on disk."""
 
 from everystate.agent.agent import Agent, load
-from everystate.agent.arrays import named_arrays, skeleton, with_arrays
+from everystate.agent.arrays import named_arrays, own, skeleton, with_arrays
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import BodyInfo, config_from_json, config_to_json
 from everystate.agent.performance import Performance, step_seed
@@ -15,6 +15,7 @@ __all__ = [
     "keep_compiled_programs",
     "load",
     "named_arrays",
+    "own",
     "skeleton",
     "step_seed",
     "with_arrays",

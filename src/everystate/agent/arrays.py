@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from everystate.algorithm import AgentState, Scale, init
 from everystate.config import Config
@@ -46,6 +47,17 @@ def with_arrays(tree: Any, arrays: Mapping[str, Any]) -> Any:
     dynamic, static = eqx.partition(tree, _is_array)
     found = jax.tree.unflatten(jax.tree.structure(dynamic), [arrays[name] for name in expected])
     return eqx.combine(found, static)
+
+
+def own(array: Any) -> Array:
+    """A copy with memory of its own, no weak dtype, and fixed to the first device.
+
+    An update takes over the memory of its arguments; and for arrays of a weak dtype, or fixed to no
+    device, it would be compiled once more than for its results, which are neither.
+    """
+    is_key = jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
+    copy = array if is_key else jnp.array(array, array.dtype)
+    return jax.device_put(copy, jax.devices()[0])
 
 
 def _is_array(leaf: Any) -> bool:

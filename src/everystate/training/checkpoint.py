@@ -19,7 +19,7 @@ import safetensors
 import safetensors.numpy
 from jaxtyping import Bool, Float32
 
-from everystate.agent import Agent, files, named_arrays, skeleton, with_arrays
+from everystate.agent import Agent, files, named_arrays, own, skeleton, with_arrays
 from everystate.algorithm import AgentState
 from everystate.config import Config
 from everystate.errors import EverystateError
@@ -136,8 +136,7 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], expected: AgentState) -> Snap
     def under(prefix: str) -> dict[str, np.ndarray]:
         return {n.removeprefix(prefix): x for n, x in arrays.items() if n.startswith(prefix)}
 
-    # Copies: `update` takes over the memory of an agent's arrays.
-    agent = {name: jnp.array(x) for name, x in under("agent.").items()}
+    agent = {name: own(x) for name, x in under("agent.").items()}
     for name, x in named_arrays(expected).items():
         if _is_key(x):
             agent[name] = jax.random.wrap_key_data(agent[name])

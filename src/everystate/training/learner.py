@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from everystate import algorithm
+from everystate.agent import own
 from everystate.algorithm import AgentState, Scale
 from everystate.config import Config
 from everystate.learning.episodes import Episodes
@@ -111,12 +111,4 @@ def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
     """The state before the first epoch."""
     key = named(jax.random.key(config.seed), "agent")
     make = eqx.filter_jit(lambda warmup, scale, key: algorithm.init(config, warmup, scale, key=key))
-    # Own memory for every array, or `update` could not take it over, and no weak dtypes, which
-    # would make the first epoch's functions other ones than the second's.
-    return jax.tree.map(_own, make(warmup, scale, key))
-
-
-def _own(leaf):
-    if not eqx.is_array(leaf) or jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-        return leaf
-    return jnp.array(leaf, leaf.dtype)
+    return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, make(warmup, scale, key))
