@@ -1,6 +1,6 @@
 # Everything a developer types. `make` alone explains itself.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-browser check bench docs clean
+.PHONY: help setup demo test coverage test-slow test-browser check bench docs clean
 
 # The first Python 3.11 with its venv module; name another with `make PYTHON=...`.
 PYTHON ?= $(shell for p in python3.11 python3 python; do \
@@ -33,6 +33,9 @@ demo: setup  ## train on the Ramp Pointmass, evaluate it and write its report
 
 test: setup  ## run the fast tests (TESTS=tests/test_x.py and PYTEST_ARGS narrow it)
 	$(BIN)/python -m pytest $(PYTEST_ARGS) $(TESTS)
+
+coverage: setup  ## run the fast tests and say which lines of src/ they never reach
+	$(BIN)/python -m pytest $(PYTEST_ARGS) --cov=everystate --cov-report=term-missing:skip-covered --cov-report=json:results/trust/coverage.json $(TESTS)
 
 test-slow: setup  ## run the tests that take more than seconds
 	$(BIN)/python -m pytest -m "slow and not browser" $(PYTEST_ARGS) $(TESTS)

@@ -65,7 +65,10 @@ def passes(copy: Path, tests: str) -> bool:
     """Whether tests pass in a copy; what never ends does not."""
     files = [f"tests/{name}" for name in tests.split()]
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:randomly", *files]
-    environment = os.environ | {"PYTHONPATH": str(copy / "src")}
+    environment = os.environ | {
+        "PYTHONPATH": str(copy / "src"),
+        "JAX_COMPILATION_CACHE_DIR": str(ROOT / ".pytest_cache" / "d" / "jax"),
+    }
     try:
         done = subprocess.run(
             command, cwd=copy, env=environment, capture_output=True, text=True, timeout=600

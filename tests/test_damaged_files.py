@@ -1,4 +1,4 @@
-"""A short run of the fuzzing, in a process where types are not checked, as with users."""
+"""Short runs of the fuzzing, in processes where types are not checked, as with users."""
 
 import subprocess
 import sys
@@ -10,3 +10,10 @@ def test_no_damage_to_a_file_is_a_traceback() -> None:
     done = subprocess.run([sys.executable, script, "30"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2_000:]
     assert done.stdout.count("none of them a traceback") == 7
+
+
+def test_no_command_line_is_a_traceback() -> None:
+    script = Path(__file__).with_name("fuzz_commands.py")
+    done = subprocess.run([sys.executable, script, "100"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2_000:]
+    assert "none of them a traceback" in done.stdout
