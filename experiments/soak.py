@@ -3,8 +3,9 @@
     python experiments/soak.py [STEPS]
 
 Trains the Ramp Pointmass by small models, and looks once a second from outside at the process:
-resident memory, open files, threads. `results/soak/soak.json` gets their medians over each tenth of
-the run, and of the seconds an epoch took; `soak.png` shows all of them.
+resident memory, open files, threads, and processor time. `results/soak/soak.json` gets their
+medians over each tenth of the run, and of the seconds an epoch took, on the clock and of processors
+(which other work on the machine does not lengthen so much); `soak.png` shows them.
 """
 
 import itertools
@@ -33,16 +34,19 @@ SHOWN = {
     "files": "open files",
     "threads": "threads",
     "epoch_s": "seconds an epoch",
+    "epoch_cpu_s": "processor seconds an epoch",
 }
 
 
-def look(pid: int) -> dict[str, float] | None:
-    """What the kernel says of a process, or None once it has ended."""
+def look(pid: int, run: Path) -> dict[str, float] | None:
+    """What the kernel says of a process, and its run's epochs, or None once it has ended."""
     place = Path(f"/proc/{pid}")
     try:
         pages = int((place / "statm").read_text().split()[1])
+        ticks = (place / "stat").read_text().rpartition(")")[2].split()[11:13]
         return {
-            "at_s": time.monotonic(),
+            "epochs": len(read_metrics(run)),
+            "cpu_s": sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK"),
             "memory_mb": pages * os.sysconf("SC_PAGE_SIZE") / 2**20,
             "files": len(list((place / "fd").iterdir())),
             "threads": len(list((place / "task").iterdir())),
@@ -58,7 +62,7 @@ def soak(epochs: int, run: Path) -> tuple[list[dict[str, float]], list[float]]:
     looks = []
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
         while process.poll() is None:
-            if seen := look(process.pid):
+            if seen := look(process.pid, run):
                 looks.append(seen)
             time.sleep(1)
     if process.returncode:
@@ -83,6 +87,11 @@ def main() -> None:
     looks = looks[len(looks) // 20 :]
     series = {name: [look[name] for look in looks] for name in ("memory_mb", "files", "threads")}
     series["epoch_s"] = times
+    begun = [look for look in looks if look["epochs"]]
+    series["epoch_cpu_s"] = [
+        (after["cpu_s"] - before["cpu_s"]) / (after["epochs"] - before["epochs"])
+        for before, after in zip(begun, begun[10:], strict=False)  # ten seconds apart
+    ]
     RESULTS.mkdir(parents=True, exist_ok=True)
     said = {
         "command": f"python experiments/soak.py {steps}",
@@ -93,7 +102,7 @@ def main() -> None:
         "provenance": provenance(),
     }
     (RESULTS / "soak.json").write_text(json.dumps(said, indent=1) + "\n")
-    figure, axes = plt.subplots(2, 2, figsize=(9, 5), layout="constrained")
+    figure, axes = plt.subplots(1, 5, figsize=(15, 2.8), layout="constrained")
     for axis, (name, title) in zip(axes.flat, SHOWN.items(), strict=True):
         axis.plot(range(5, 105, 10), tenths(series[name]), marker="o", linewidth=2)
         axis.set(title=title, xlabel="per cent of the run", xlim=(0, 100))

@@ -45,8 +45,9 @@ class Extreme(gymnasium.Env):
         return np.array(self._seen(self._x)), 0.0, False, False, {}
 
 
+_entry: Any = Extreme
 for _name in OBSERVED:
-    gymnasium.register(f"{_name}-v0", f"{__name__}:Extreme", kwargs={"name": _name})
+    gymnasium.register(f"{_name}-v0", _entry, kwargs={"name": _name})
 
 
 def main() -> None:
@@ -54,11 +55,10 @@ def main() -> None:
     import everystate
     from everystate.training.logging import read_metrics
 
-    sys.modules["extreme_bodies"] = sys.modules[__name__]
+    sys.modules["extreme_bodies"] = sys.modules[__name__]  # by which name they are made
     epochs = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     result = {}
     for name in OBSERVED:
-        gymnasium.register(f"{name}-v0", "extreme_bodies:Extreme", kwargs={"name": name})
         with tempfile.TemporaryDirectory() as folder:
             run = everystate.train(
                 f"extreme_bodies:{name}-v0",

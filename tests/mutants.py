@@ -3,11 +3,12 @@
 Changes one place of a module at a time (a number, an operator, a comparison, ... as Cosmic Ray
 does), in a copy, and runs the module's own tests there; the rest of the suite would kill some of
 those that they let live, but takes too long for so many. Draws so many mutants of every module
-below. Writes results/trust/mutants.json, in which those that lived can be read. Needs the extra
-`mutation`.
+below. Writes results/trust/mutants.json as it goes, in which those that lived can be read, and goes
+on from there, unless the module has changed since. Needs the extra `mutation`.
 """
 
 import difflib
+import hashlib
 import json
 import os
 import random
@@ -15,7 +16,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from queue import Queue
 from typing import NamedTuple
@@ -90,44 +91,63 @@ def judge(mutant: Mutant, copy: Path) -> dict[str, object]:
     finally:
         path.write_text(whole)
     lines = difflib.unified_diff(whole.splitlines(), changed.splitlines(), lineterm="", n=0)
-    return {"module": mutant.module, "killed": killed, "diff": [*lines][2:]}
+    return {"killed": killed, "diff": [*lines][2:]}
+
+
+def name(mutant: Mutant) -> str:
+    """Of a mutant of the module as it is now."""
+    source = (ROOT / "src/everystate" / mutant.module).read_bytes()
+    version = hashlib.sha256(source).hexdigest()[:8]
+    return f"{mutant.module} {version} {mutant.operator} {mutant.occurrence}"
+
+
+def write(judged: dict[str, dict[str, object]]) -> str:
+    """Keeps the result so far, and says it in one line."""
+    killed = sum(bool(one["killed"]) for one in judged.values())
+    said = {"mutants": len(judged), "killed": killed, "share": round(killed / len(judged), 3)}
+    for module in TESTS:
+        of_it = [one["killed"] for name, one in judged.items() if name.startswith(module)]
+        said[module] = f"{sum(map(bool, of_it))} of {len(of_it)}"
+    RESULT.parent.mkdir(parents=True, exist_ok=True)
+    RESULT.write_text(json.dumps(said | {"judged": judged}, indent=1) + "\n")
+    return json.dumps(said)
 
 
 def main() -> None:
     """Draws them, judges them on every core, and keeps what came of it."""
     per_module = int(sys.argv[1]) if len(sys.argv) > 1 else 15
     rng = random.Random(0)
-    drawn = [one for module in TESTS for one in rng.sample(mutants(module), per_module)]
+    drawn = {name(one): one for module in TESTS for one in rng.sample(mutants(module), per_module)}
+    before = json.loads(RESULT.read_text())["judged"] if RESULT.exists() else {}
+    judged = {key: one for key, one in before.items() if key in drawn}
     copies: Queue[Path] = Queue()
     with tempfile.TemporaryDirectory() as folder:
         for i in range(len(os.sched_getaffinity(0))):
             copy = Path(folder) / f"copy{i}"
-            for name in ("src", "tests"):
-                shutil.copytree(ROOT / name, copy / name)
+            for part in ("src", "tests"):
+                shutil.copytree(ROOT / part, copy / part)
             shutil.copy(ROOT / "pyproject.toml", copy)
             copies.put(copy)
         for tests in TESTS.values():
             if not passes(copy, tests):
                 raise SystemExit(f"{tests} must pass before anything is changed")
 
-        def job(mutant: Mutant) -> dict[str, object]:
+        def job(key: str) -> tuple[str, dict[str, object]]:
             copy = copies.get()
             try:
-                judged = judge(mutant, copy)
+                return key, judge(drawn[key], copy)
             finally:
                 copies.put(copy)
-            print("killed" if judged["killed"] else "LIVES", mutant, flush=True)
-            return judged
 
+        waiting = [key for key in drawn if key not in judged]
+        rng.shuffle(waiting)  # so that a part of them says something of all
         with ThreadPoolExecutor(copies.qsize()) as pool:
-            judged = [*pool.map(job, drawn)]
-    killed = sum(bool(one["killed"]) for one in judged)
-    said = {"mutants": len(judged), "killed": killed, "share": round(killed / len(judged), 3)}
-    lived = [one for one in judged if not one["killed"]]
-    RESULT.parent.mkdir(parents=True, exist_ok=True)
-    by_module = {m: sum(bool(o["killed"]) for o in judged if o["module"] == m) for m in TESTS}
-    RESULT.write_text(json.dumps(said | {"by_module": by_module, "lived": lived}, indent=1) + "\n")
-    print(json.dumps(said))
+            for done in as_completed([pool.submit(job, key) for key in waiting]):
+                key, one = done.result()
+                judged[key] = one
+                write(judged)
+                print("killed" if one["killed"] else "LIVES", key, flush=True)
+    print(write(judged))
 
 
 if __name__ == "__main__":
