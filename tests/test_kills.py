@@ -1,14 +1,25 @@
 """A short run of what `kill_runs.py` does a hundred times."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 
-def test_a_run_that_is_killed_five_times_ends_as_if_it_had_not_been() -> None:
+
+def test_a_run_that_is_killed_five_times_ends_as_if_it_had_not_been(
+    pytestconfig: pytest.Config,
+) -> None:
     script = Path(__file__).with_name("kill_runs.py")
-    done = subprocess.run([sys.executable, script, "5"], capture_output=True, text=True)
+    # With a cache of everystate's own, as users have it: traced programs are kept too.
+    environment = {k: x for k, x in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    assert pytestconfig.cache is not None
+    environment["EVERYSTATE_CACHE"] = str(pytestconfig.cache.mkdir("everystate"))
+    done = subprocess.run(
+        [sys.executable, script, "5"], capture_output=True, text=True, env=environment
+    )
     assert done.returncode == 0, done.stdout + done.stderr[-2_000:]
     said = json.loads(done.stdout.splitlines()[-1])
     assert sum(said["during"].values()) == 5

@@ -14,6 +14,8 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 
 import websockets.asyncio.server
+from viser.infra import _infra
+from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.frames import CloseCode
@@ -106,12 +108,37 @@ class Gate:
             return serve(unhurried, *args, process_request=process, **options)
 
         websockets.asyncio.server.serve = guarded
+        _infra.AsyncMessageBuffer = _Buffer
         try:
             yield
         finally:
             websockets.asyncio.server.serve = serve
+            _infra.AsyncMessageBuffer = AsyncMessageBuffer
         if not asked:
             raise EverystateError("this version of viser cannot be guarded: install viser 1.1.1")
+
+
+class _SetInItsLoop(asyncio.Event):
+    """An event that takes no notice of other threads."""
+
+    def set(self) -> None:
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            return
+        super().set()
+
+
+class _Buffer(AsyncMessageBuffer):
+    """What waits to be sent to all browsers.
+
+    Viser sets its event twice: from the thread that has something to say, at once, which fails now
+    and then while many browsers wait; and in the loop of those who wait, which is enough.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.message_event = _SetInItsLoop()
 
 
 def _unhurried(receive: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitable[Any]]:
