@@ -30,7 +30,8 @@ class Learner(NamedTuple):
 
 def jit(function: Callable) -> Any:
     """Compiled as the algorithm's functions are."""
-    return eqx.filter_jit(function, compiler_options=_compiler_options())
+    options: dict[str, Any] = {"compiler_options": _compiler_options()}
+    return eqx.filter_jit(function, **options)
 
 
 @functools.lru_cache(maxsize=4)

@@ -108,12 +108,12 @@ class Gate:
             return serve(unhurried, *args, process_request=process, **options)
 
         websockets.asyncio.server.serve = guarded
-        _infra.AsyncMessageBuffer = _Buffer
+        _infra.AsyncMessageBuffer = _Buffer  # pyright: ignore
         try:
             yield
         finally:
             websockets.asyncio.server.serve = serve
-            _infra.AsyncMessageBuffer = AsyncMessageBuffer
+            _infra.AsyncMessageBuffer = AsyncMessageBuffer  # pyright: ignore
         if not asked:
             raise EverystateError("this version of viser cannot be guarded: install viser 1.1.1")
 
