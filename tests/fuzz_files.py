@@ -200,6 +200,10 @@ def bombs() -> None:
     assert peak() - before < MEMORY / 2
     np.savez(path, goals=np.array([print], dtype=object), next_observations=0, visited=0)
     survives(lambda: read_samples(path))  # nor is it unpickled
+    encrypted = bytearray(SAMPLES)  # so says a bit of the entry in the table at the end
+    encrypted[SAMPLES.index(b"PK\x01\x02") + 8] |= 1
+    path.write_bytes(encrypted)
+    survives(lambda: read_samples(path))
 
 
 def peak() -> int:

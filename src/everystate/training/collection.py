@@ -120,7 +120,7 @@ def read_samples(path: Path) -> dict[str, np.ndarray]:
         ValueError,
         KeyError,
         EOFError,
-        NotImplementedError,
+        RuntimeError,  # by zipfile, of what is encrypted or packed in a way that it does not know
         zipfile.BadZipFile,
         zlib.error,
     ) as error:
