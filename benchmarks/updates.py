@@ -66,7 +66,7 @@ def trained(config: Config, epochs: int) -> tuple[AgentState, Learner, float]:
         agent, steps, observations = collected
         agent = jax.block_until_ready(learner.observe(agent, to_device(steps)))
         collecting = time.perf_counter() - started
-        agent, *_ = learner.update(agent)
+        agent, *_ = jax.block_until_ready(learner.update(agent))
         snapshot = snapshot._replace(agent=agent, observations=observations)
     return snapshot.agent, learner, collecting
 

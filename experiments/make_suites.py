@@ -6,6 +6,7 @@ Run again, it writes the same file; the suites in the package were made by it.
 import sys
 from pathlib import Path
 
+import ant_controllers as ants
 import numpy as np
 from cartpole_controllers import pump, regulator
 from jaxtyping import Bool, Float
@@ -169,7 +170,67 @@ def cartpole(seed: int = 0) -> suites.Suite:
     )
 
 
-MAKERS = {"ramp-pointmass": ramp_pointmass, "cartpole": cartpole}
+ANT_NOTES = (
+    "500 goals: 250 at rest in poses that controllers written by hand came to, and 250 in motion,"
+    " visited by random actions, random gaits and on the way to such poses; of each the farthest"
+    " from all before it, among those with no component in the outer 1 %. Half of the ants set out"
+    " upside down. A goal in motion can only be passed: read `any`. sigma is the standard deviation"
+    " over the states visited."
+)
+
+
+def ant_visited(
+    rng: np.random.Generator, num: int = 200
+) -> tuple[Float[np.ndarray, "n 29"], Float[np.ndarray, "m 29"]]:
+    """States on the way, and those in which ants had come to rest."""
+    env = make("ant", num, 0)
+    states, _ = env.reset(seed=int(rng.integers(2**31)))
+    over = rng.random(num) < 0.5
+    states[over, 4:7] *= -1  # the y axis: half a turn about the x axis
+    env.set_observations(states)
+    visited, rested = [], []
+    for _ in range(12):
+        poses, gait, what = ants.poses(rng, num), ants.Gait(rng, num), rng.integers(3, size=num)
+        for step in range(60):
+            if step % 4 == 0:
+                wild = rng.uniform(-1, 1, (num, 8))
+            now = states.astype(float)
+            choices = [wild, gait(now, step), ants.towards(now, poses)]
+            actions = np.choose(what[:, None], choices).clip(-1, 1)
+            states = env.step(actions)[0]
+            visited.append(states)
+        at_rest = (what == 2) & (env.regions(states) != "moving")
+        rested.append(states[at_rest])
+    return np.concatenate(visited).astype(float), np.concatenate(rested).astype(float)
+
+
+def ant(seed: int = 0) -> suites.Suite:
+    """The suite of the ant."""
+    rng = np.random.default_rng(seed)
+    env = make("ant", 1, 0)
+    visited, rested = ant_visited(rng)
+    sigma = visited.std(axis=0).round(4)
+    low, high = np.percentile(visited, [1, 99], axis=0)
+    inner = visited[((visited >= low) & (visited <= high)).all(axis=1)]
+    moving = inner[env.regions(inner) == "moving"]
+    moving = moving[suites.spread_out(moving / sigma, 250)]
+    goals = np.concatenate([rested[suites.spread_out(rested / sigma, 250)], moving])
+    starts = np.concatenate([pool[rng.choice(len(pool), 250)] for pool in (rested, inner)])
+    return suites.Suite(
+        body="ant",
+        notes=ANT_NOTES,
+        seed=seed,
+        components=env.state_names,
+        sigma=sigma,
+        angular=(),
+        position=env.state_names[:15],
+        starts=starts[rng.permutation(500)].round(4),
+        goals=goals.round(4),
+        horizons=np.full(500, 100),  # 5 s
+    )
+
+
+MAKERS = {"ramp-pointmass": ramp_pointmass, "cartpole": cartpole, "ant": ant}
 
 
 def main(bodies: list[str], folder: Path = suites.FOLDER) -> None:

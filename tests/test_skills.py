@@ -135,17 +135,17 @@ def test_the_cartpole_that_comes_along_balances_and_spins_both_ways() -> None:
 def test_what_is_not_there_is_named() -> None:
     with pytest.raises(EverystateError, match="no skill 'balence': did you mean 'balance'"):
         skill("cartpole", "balence")
-    with pytest.raises(EverystateError, match="ant has no named skills; these have: cartpole"):
-        skills_of("ant")
+    with pytest.raises(EverystateError, match="arm has no named skills; these have: cartpole"):
+        skills_of("arm")
     assert set(SKILLS) <= set(BODIES)
 
     class Walks(Walker):
-        config = preset("test", "ant")
+        config = preset("test", "experiments/arm.xml")
 
         def act(self, *args: Any, **kwargs: Any) -> np.ndarray:
             raise AssertionError("measured before the skills were looked for")
 
-    with pytest.raises(EverystateError, match="ant has no named skills"):
+    with pytest.raises(EverystateError, match=r"arm\.xml has no named skills"):
         evaluation.evaluate(Walks(), skills=True)
 
 
@@ -154,4 +154,4 @@ def test_skills_are_listed(capsys: pytest.CaptureFixture) -> None:
     shown = capsys.readouterr().out
     assert "balance: swing up from hanging" in shown
     assert "climb" not in shown
-    assert cli.main(["skills", "ant"]) == 2
+    assert cli.main(["skills", "arm"]) == 2

@@ -45,11 +45,14 @@ class Ant(JointBody):
         return state
 
     def regions(self, observations: Float[np.ndarray, "*n state"]) -> Shaped[np.ndarray, "*n"]:
-        """Whether the torso is within 45 degrees of upright, of upside down, or on its side."""
+        """Upright, upside down or on its side, by 45 degrees, all at rest; else moving."""
         xx, xy, _, yx, yy, _ = np.moveaxis(observations[..., self._columns], -1, 0)
         up = xx * yy - xy * yx  # the height of the body's own z axis, by the cross product
         limit = np.sqrt(0.5)
-        return np.where(up > limit, "upright", np.where(up < -limit, "upside down", "side"))
+        lying = np.where(up > limit, "upright", np.where(up < -limit, "upside down", "side"))
+        torso, joints = np.split(np.abs(observations[..., -14:]), [6], axis=-1)
+        moving = (torso.max(axis=-1) > 0.5) | (joints.max(axis=-1) > 1.0)
+        return np.where(moving, "moving", lying)
 
     @property
     def _columns(self) -> slice:
