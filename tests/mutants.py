@@ -1,12 +1,14 @@
-"""Does the suite notice a wrong program? `python tests/mutants.py [PER_MODULE]`.
+"""Does the suite notice a wrong program? `python tests/mutants.py [PER_MODULE] [--survivors]`.
 
 Changes one place of a module at a time (a number, an operator, a comparison, ... as Cosmic Ray
 does), in a copy, and runs the module's own tests there; the rest of the suite would kill some of
 those that they let live, but takes too long for so many. Draws so many mutants of every module
 below. Writes results/trust/mutants.json as it goes, in which those that lived can be read, and goes
-on from there, unless the module has changed since. Needs the extra `mutation`.
+on from there, unless the module has changed since; given `--survivors`, it judges anew those that
+lived, as tests may have been added. Needs the extra `mutation`.
 """
 
+import argparse
 import difflib
 import hashlib
 import json
@@ -115,11 +117,20 @@ def write(judged: dict[str, dict[str, object]]) -> str:
 
 def main() -> None:
     """Draws them, judges them on every core, and keeps what came of it."""
-    per_module = int(sys.argv[1]) if len(sys.argv) > 1 else 15
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("per_module", type=int, nargs="?", default=15)
+    parser.add_argument("--survivors", action="store_true", help="judge anew those that lived")
+    options = parser.parse_args()
     rng = random.Random(0)
-    drawn = {name(one): one for module in TESTS for one in rng.sample(mutants(module), per_module)}
+    drawn = {
+        name(one): one
+        for module in TESTS
+        for one in rng.sample(mutants(module), options.per_module)
+    }
     before = json.loads(RESULT.read_text())["judged"] if RESULT.exists() else {}
     judged = {key: one for key, one in before.items() if key in drawn}
+    if options.survivors:
+        judged = {key: one for key, one in judged.items() if one["killed"]}
     copies: Queue[Path] = Queue()
     with tempfile.TemporaryDirectory() as folder:
         for i in range(len(os.sched_getaffinity(0))):

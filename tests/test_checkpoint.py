@@ -5,6 +5,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+import safetensors.numpy
 
 from everystate import envs
 from everystate.agent import Agent, BodyInfo, named_arrays
@@ -97,6 +98,12 @@ def test_a_draft_is_no_checkpoint(begun: Snapshot, tmp_path: Path) -> None:
     assert not draft.exists()
 
 
+def test_a_place_that_cannot_be_written_is_named(begun: Snapshot, tmp_path: Path) -> None:
+    (tmp_path / "checkpoints").write_text("in the way")
+    with pytest.raises(EverystateError, match=r"000000 cannot be written \(.*make room"):
+        save(tmp_path / "checkpoints", begun)
+
+
 def damage(folder: Path, how: str) -> None:
     state = folder / "state.safetensors"
     content = bytearray(state.read_bytes())
@@ -109,9 +116,14 @@ def damage(folder: Path, how: str) -> None:
         state.unlink()
     elif how == "wrong":
         state.write_bytes(content.replace(b'"agent.step"', b'"agent.stop"'))
+    elif how == "without checksums":
+        safetensors.numpy.save_file(safetensors.numpy.load_file(state), state)
 
 
-@pytest.mark.parametrize("how", ["truncated", "changed", "missing", "wrong"])
+DAMAGES = ("truncated", "changed", "missing", "wrong", "without checksums")
+
+
+@pytest.mark.parametrize("how", DAMAGES)
 def test_a_damaged_checkpoint_falls_back_to_the_one_before(
     begun: Snapshot, tmp_path: Path, how: str
 ) -> None:

@@ -8,7 +8,14 @@ import pytest
 from flowjax.distributions import AbstractTransformed
 
 from everystate.config import FlowFamily
-from everystate.learning.flows import ConditionalFlow, conditional_flow, decode, encode, state_flow
+from everystate.learning.flows import (
+    ConditionalFlow,
+    conditional_flow,
+    decode,
+    encode,
+    frozen,
+    state_flow,
+)
 from everystate.learning.models import new_models
 from everystate.presets import preset
 
@@ -101,6 +108,18 @@ def test_an_untrained_conditional_flow_hardly_depends_on_its_condition():
     x = jnp.array([0.2, -0.4])
     densities = [new.curriculum(c).log_prob(x) for c in jnp.array([[-1.0, 0.0], [0.0, 1.0]])]
     assert float(densities[0]) == pytest.approx(float(densities[1]), abs=0.05)
+    assert isinstance(new.curriculum, ConditionalFlow)
+    moves = new.curriculum.network(jnp.array([-1.0, 2.0]))
+    np.testing.assert_allclose(moves, 0, atol=0.02)
+
+
+@pytest.mark.parametrize("layers", [1, 2, 3, 6])
+def test_a_frozen_flow_is_the_same_flow(layers):
+    flow = state_flow(3, layers, family="pldu", shifted=True, key=jax.random.key(5))
+    flow = randomised(flow, 0.1)
+    x = jnp.array([0.3, -0.7, 1.1])
+    for way in (encode, decode):
+        np.testing.assert_allclose(way(frozen(flow), x), way(flow, x), rtol=1e-4, atol=1e-4)
 
 
 class Counted(eqx.Module):

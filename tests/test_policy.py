@@ -104,6 +104,19 @@ def test_improvement_stays_within_the_box(monkeypatch):
     np.testing.assert_allclose(result.action, [1, -1], atol=1e-5)
 
 
+def test_random_candidates_fill_the_box():
+    config, known = configured(**MANY, gradient_step=0.0), models(linear(0.01))
+    propose = jax.jit(lambda key: policy.propose(config, known, quadratic, B[0], B[1], key=key))
+    candidates, next_states = propose(jax.random.key(3))
+    assert candidates.shape == (2000, 2)
+    assert next_states.shape == (2000, 20, 2)
+    at_random = np.asarray(candidates[500:1000])
+    np.testing.assert_allclose(at_random.min(axis=0), -1, atol=0.05)
+    np.testing.assert_allclose(at_random.max(axis=0), 1, atol=0.05)
+    np.testing.assert_allclose(at_random.mean(axis=0), 0, atol=0.1)
+    np.testing.assert_array_equal(candidates[1000:], candidates[:1000])  # by no step at all
+
+
 def test_the_worst_is_the_minimum_and_percentiles_are_monotone():
     returns = jnp.asarray(np.random.default_rng(0).normal(0, 3, (7, 20)), jnp.float32)
     percentiles = (0.0, 1.0, 5.0, 25.0, 50.0, 90.0, 100.0)

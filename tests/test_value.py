@@ -9,7 +9,7 @@ import pytest
 
 from everystate.learning.losses import value_loss
 from everystate.learning.models import Models
-from everystate.learning.networks import Value
+from everystate.learning.networks import Value, waves
 from everystate.learning.rewards import closeness
 from everystate.learning.value import backup, lowest, steps
 from everystate.presets import preset
@@ -69,6 +69,14 @@ def test_closeness_is_one_at_the_goal_and_falls_with_k():
 def only(value):
     """Models of which the value's loss needs the value alone."""
     return Models(None, None, None, None, value)  # pyright: ignore[reportArgumentType]
+
+
+def test_waves_are_the_sines_and_cosines_they_say() -> None:
+    x = jnp.linspace(-5, 5, 101)
+    angles = [jnp.pi / 2 * 2**i * x for i in range(4)]
+    direct = [wave(angle) for angle in angles for wave in (jnp.sin, jnp.cos)]
+    np.testing.assert_allclose(jnp.stack(waves(x, 4)), jnp.stack(direct), atol=2e-5)
+    assert waves(x, 0) == []
 
 
 def scaled(place):

@@ -45,9 +45,20 @@ class Network(eqx.Module):
 
     def __call__(self, x: Float[Array, " inputs"]) -> Float[Array, " outputs"]:
         """One example."""
-        octaves = [x * (math.pi / 2 * 2**i) for i in range(self.frequencies)]
-        waves = [wave(octave) for octave in octaves for wave in (jnp.sin, jnp.cos)]
-        return self.mlp(jnp.concatenate([x, *waves]))
+        return self.mlp(jnp.concatenate([x, *waves(x, self.frequencies)]))
+
+
+def waves(x: Float[Array, " n"], octaves: int) -> list[Float[Array, " n"]]:
+    """Sine and cosine of pi x / 2, and of so many doublings of it in all.
+
+    By the double-angle formulas: sines and cosines take longer than the network's products.
+    """
+    sine, cosine = jnp.sin(math.pi / 2 * x), jnp.cos(math.pi / 2 * x)
+    result: list[Float[Array, " n"]] = []
+    for _ in range(octaves):
+        result += [sine, cosine]
+        sine, cosine = 2 * sine * cosine, 1 - 2 * sine**2
+    return result
 
 
 class Value(eqx.Module):
