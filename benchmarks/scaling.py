@@ -2,8 +2,9 @@
 
 Milliseconds of an update of the cartpole's size at preset `paper`, with one number changed at a
 time: transitions stored, rollouts N, state size, minibatch; and of a control step by the number of
-bodies. Rings are full, of made-up transitions; medians of rounds. The once-an-epoch work (sums of
-all weights after collection) is timed on its own, and `with_epoch_ms` spreads it over n_updates.
+bodies. Rings are full, of made-up transitions; medians of rounds, in which all sizes take turns.
+The once-an-epoch work (sums of all weights after collection) is timed on its own, and
+`with_epoch_ms` spreads it over n_updates.
 `--from JSON --figure PNG` draws a raw result.
 """
 
@@ -61,32 +62,43 @@ def full(config: Any, size: int) -> AgentState:
     return state._replace(replay=jax.tree.map(jnp.array, replay))
 
 
-def cost(rounds: int, *, stored=100_000, N=20, state_size=5, minibatch=1000, bodies=50) -> dict:
-    """Milliseconds of an update, of a control step and of an epoch's own work."""
-    fields = {"capacity": stored, "N": N, "batch_size": minibatch, "num_bodies": bodies}
-    fields |= {"num_updates": PER_CALL, "target_period": PER_CALL}
-    fields |= {"steps_per_epoch": 5, "warmup_steps": 5}
-    config = preset("paper", "cartpole", **fields)
-    learner, state = compiled(config), full(config, state_size)
-    observations = jnp.zeros((bodies, state_size))
-    steps = jnp.zeros((1, bodies, state_size))
-    one = Transitions(steps, jnp.zeros((1, bodies, 1)), steps)
-    taken: dict[str, list[float]] = {"update_ms": [], "act_ms": [], "epoch_ms": []}
-    for _ in range(rounds + 1):
+class Subject:
+    """One size of the algorithm, and how long its parts took in every round so far."""
+
+    def __init__(self, *, stored=100_000, N=20, state_size=5, minibatch=1000, bodies=50) -> None:
+        fields = {"capacity": stored, "N": N, "batch_size": minibatch, "num_bodies": bodies}
+        fields |= {"num_updates": PER_CALL, "target_period": PER_CALL}
+        fields |= {"steps_per_epoch": 5, "warmup_steps": 5}
+        config = preset("paper", "cartpole", **fields)
+        self.learner, self.state = compiled(config), full(config, state_size)
+        self.observations = jnp.zeros((bodies, state_size))
+        steps = jnp.zeros((1, bodies, state_size))
+        self.one = Transitions(steps, jnp.zeros((1, bodies, 1)), steps)
+        self.taken: dict[str, list[float]] = {"update_ms": [], "act_ms": [], "epoch_ms": []}
+        self.round()
+        for times in self.taken.values():  # It compiled.
+            times.clear()
+
+    def round(self) -> None:
+        """Some updates with an epoch's own work before them, and some control steps."""
+        state, taken = self.state, self.taken
         started = time.perf_counter()
-        state = jax.block_until_ready(learner.observe(state, one))
+        state = jax.block_until_ready(self.learner.observe(state, self.one))
         observed = time.perf_counter()
-        state, *_ = jax.block_until_ready(learner.update(state))
+        state, *_ = jax.block_until_ready(self.learner.update(state))
         updated = time.perf_counter()
         for _ in range(10):
-            state, _ = jax.block_until_ready(learner.act(state, observations))
+            state, _ = jax.block_until_ready(self.learner.act(state, self.observations))
         taken["epoch_ms"].append(1000 * (observed - started))
         taken["update_ms"].append(1000 * (updated - observed) / PER_CALL)
         taken["act_ms"].append(100 * (time.perf_counter() - updated))
-    medians = {name: round(statistics.median(times[1:]), 2) for name, times in taken.items()}
-    updates = preset("paper").num_updates
-    spread = medians["update_ms"] + medians["epoch_ms"] / updates
-    return medians | {"with_epoch_ms": round(spread, 2)}
+        self.state = state
+
+    def medians(self) -> dict[str, float]:
+        """Milliseconds of an update, of a control step and of an epoch's own work."""
+        medians = {name: round(statistics.median(times), 2) for name, times in self.taken.items()}
+        spread = medians["update_ms"] + medians["epoch_ms"] / preset("paper").num_updates
+        return medians | {"with_epoch_ms": round(spread, 2)}
 
 
 def draw(result: dict[str, Any], path: Path) -> None:
@@ -107,7 +119,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
 
 def main() -> None:
     """Measures and prints, or draws."""
-    parser = benchmark.options(__doc__, rounds=3)
+    parser = benchmark.options(__doc__, rounds=7)
     parser.add_argument("--series", nargs="+", default=list(SERIES), choices=SERIES)
     parser.add_argument("--from", dest="source", type=Path, help="raw result to draw")
     parser.add_argument("--figure", type=Path, help="PNG to write")
@@ -117,11 +129,14 @@ def main() -> None:
     keep_compiled_programs()
     series: dict[str, Any] = {}
     for name in options.series:
-        series[name] = {}
-        for value in SERIES[name]:
-            series[name][str(value)] = cost(options.rounds, **{name: value})
-            jax.clear_caches()
-            compiled.cache_clear()
+        subjects = {str(value): Subject(**{name: value}) for value in SERIES[name]}
+        for _ in range(options.rounds):  # In turn: the machine is not the same for long.
+            for subject in subjects.values():
+                subject.round()
+        series[name] = {value: subject.medians() for value, subject in subjects.items()}
+        del subjects
+        jax.clear_caches()
+        compiled.cache_clear()
         if not options.json:
             print(name, *(f"  {value}: {cost}" for value, cost in series[name].items()), sep="\n")
     result: dict[str, Any] = {
