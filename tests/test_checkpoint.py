@@ -128,12 +128,14 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(
     begun: Snapshot, tmp_path: Path, how: str
 ) -> None:
     save(tmp_path, at(begun, 1))
-    last = save(tmp_path, at(begun, 2))
+    save(tmp_path, at(begun, 2))
+    last = save(tmp_path, at(begun, 3))
     damage(last, how)
-    with pytest.warns(UserWarning, match="000002 is damaged"):
-        assert restored(tmp_path).epoch == 1
-    assert [p.name for p in sorted(tmp_path.iterdir())] == ["000001", "damaged-000002-1"]
-    assert save(tmp_path, at(begun, 2)) == last, "its place is free again"
+    with pytest.warns(UserWarning, match="000003 is damaged"):
+        assert restored(tmp_path).epoch == 2
+    kept = [path.name for path in sorted(tmp_path.iterdir())]
+    assert kept == ["000001", "000002", "damaged-000003-1"]
+    assert save(tmp_path, at(begun, 3)) == last, "its place is free again"
 
 
 def test_without_a_sound_checkpoint_nothing_is_begun(begun: Snapshot, tmp_path: Path) -> None:

@@ -48,6 +48,8 @@ def test_it_is_that_of_all_returns(monkeypatch, kind, rows):
     np.testing.assert_array_equal(best, expected)
     np.testing.assert_allclose(mean, table[np.arange(PAIRS), expected].mean(axis=1), atol=1e-6)
     assert float(evaluated.min()) > 0
+    if kind == "one candidate":  # one return twice, and then all N of it
+        np.testing.assert_allclose(evaluated, (2 + N) / N, rtol=1e-6)
 
 
 def test_few_evaluations_do_where_candidates_share_their_noise():

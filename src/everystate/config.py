@@ -36,6 +36,8 @@ class Config:
     """k: shaping of the reward -1 + exp(-k |dz|^2)."""
     reward_space: Literal["latent", "state"] = "latent"
     """Where |dz| is taken: latent space of f (paper) or scaled states, which stay put [D9]."""
+    reward_shape: Literal["exponential", "rational"] = "exponential"
+    """exp(-k |dz|^2) (paper), or 1 / (1 + k |dz|^2), which is felt from far away [D21]."""
 
     # --- Safe improvement (4.3, Algorithm 1) ---
     j: int = 1

@@ -18,5 +18,9 @@ def place(
 def closeness(
     config: Config, place_next: Float[Array, " s"], place_goal: Float[Array, " s"]
 ) -> Float[Array, ""]:
-    """exp(-k |f_enc(s') - f_enc(g)|^2), in [0, 1]; the reward is this minus one (4.2)."""
-    return jnp.exp(-config.k * jnp.sum((place_next - place_goal) ** 2))
+    """exp(-k |f_enc(s') - f_enc(g)|^2), in [0, 1]; the reward is this minus one (4.2).
+
+    In many dimensions that is 0 practically everywhere; the rational shape is not [D21].
+    """
+    square = config.k * jnp.sum((place_next - place_goal) ** 2)
+    return 1 / (1 + square) if config.reward_shape == "rational" else jnp.exp(-square)
