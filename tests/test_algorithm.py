@@ -99,3 +99,26 @@ def test_presets_of_the_paper_run(name):
     config = preset(name, **small, num_bodies=10, steps_per_epoch=5)
     _, metrics, _ = eqx.filter_jit(algorithm.update)(config, start(config))
     assert np.isfinite(float(metrics["loss/f"]))
+
+
+def test_who_wanders_keeps_to_random_actions_for_a_while_and_another_does_as_ever():
+    config = preset("test", wander_share=0.5, wander_steps=2, steps_per_epoch=4)
+    act, observations = eqx.filter_jit(algorithm.act), jnp.zeros((10, 2))
+
+    def actions(config):
+        state, taken = start(config), []
+        for _ in range(8):
+            state, action = act(config, state, observations)
+            taken.append(action)
+        return np.stack(taken)
+
+    some, none = actions(config), actions(preset("test", steps_per_epoch=4))
+    wanders = (some != none).all(axis=2)
+    for epoch in (wanders[:4], wanders[4:]):
+        assert (epoch == epoch[0]).all(), "for a whole epoch"
+        assert 0 < epoch[0].mean() < 1
+    assert (wanders[0] != wanders[4]).any(), "not always the same"
+    np.testing.assert_array_equal(some[~wanders], none[~wanders])
+    pairs = some.reshape(4, 2, 10, 2)
+    held = (pairs[:, 0] == pairs[:, 1]).all(axis=2)
+    np.testing.assert_array_equal(held, wanders[::2])

@@ -64,6 +64,9 @@ def test_closeness_is_one_at_the_goal_and_falls_with_k():
     assert float(closeness(preset("test", k=100.0), here, here)) == 1
     assert float(closeness(preset("test", k=100.0), here, there)) == pytest.approx(np.exp(-1))
     assert float(closeness(preset("test", k=10.0), here, there)) == pytest.approx(np.exp(-0.1))
+    rational = preset("test", k=10.0, reward_shape="rational")
+    assert float(closeness(rational, here, here)) == 1
+    assert float(closeness(rational, here, there)) == pytest.approx(1 / 1.1)
 
 
 def only(value):

@@ -91,7 +91,10 @@ def choose_goals(
 def act(
     config: Config, state: AgentState, observations: Float[Array, "bodies s"]
 ) -> tuple[AgentState, Float[Array, "bodies a"]]:
-    """a ~ pi(s, g) for every body, after giving new goals to those whose episode is over."""
+    """a ~ pi(s, g) for every body, after giving new goals to those whose episode is over.
+
+    Some may wander: they act at random for an epoch [D22].
+    """
     models, states = state.models, state.scale.scaled(observations)
     key = named(state.key, "act", state.step)
 
@@ -106,6 +109,12 @@ def act(
 
     keys = jax.random.split(named(key, "actions"), config.num_bodies)
     actions = jax.vmap(sample)(states, episodes.goals, keys)
+    if config.wander_share:
+        epoch, moment = state.step // config.steps_per_epoch, state.step // config.wander_steps
+        chosen = named(state.key, "wander", epoch), named(state.key, "wandering", moment)
+        wanders = jax.random.bernoulli(chosen[0], config.wander_share, (config.num_bodies, 1))
+        anywhere = jax.random.uniform(chosen[1], actions.shape, minval=-1, maxval=1)
+        actions = jnp.where(wanders, anywhere, actions)
     return state._replace(episodes=episodes, step=state.step + 1), actions
 
 

@@ -103,6 +103,10 @@ class Config:
     """Control steps of uniformly random actions before the first epoch."""
     patience: int = 1
     """Steps with V(s,g) below its best that end an episode; 1 is the paper's rule [D2]."""
+    wander_share: float = 0.0
+    """Share of the bodies that act at random for an epoch, whatever their goals [D22]."""
+    wander_steps: int = 4
+    """Steps for which such a body keeps to an action."""
     max_episode_steps: int = 200
     """Cap on an episode's length."""
 
@@ -224,6 +228,8 @@ _RANGES: dict[str, tuple[float, float]] = {
     "steps_per_epoch": (1, 100_000),
     "warmup_steps": (1, 100_000),
     "patience": (1, 100_000),
+    "wander_share": (0, 1),
+    "wander_steps": (1, 1_000_000),
     "max_episode_steps": (1, 1_000_000),
     "num_updates": (1, 1_000_000),
     "target_period": (1, 1_000_000),

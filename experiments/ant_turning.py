@@ -1,0 +1,88 @@
+"""Is it V, d or the policy that does not turn? python experiments/ant_turning.py RUN.
+
+Sends ants that face 90 degrees away from their goal, all else alike, by the policy, by planning
+through the learned d, and by the same search through the body's own physics, and writes how far
+from the goal's heading they are after 3 s, in degrees, to `results/ant-notes/RUN/turning.json`.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from ant_inside import RESULTS, turned
+from jaxtyping import Float
+
+import everystate
+from everystate import Agent
+from everystate.envs import make
+from everystate.evaluation import suites
+from everystate.learning.planning import Planning
+
+STEPS, HORIZON, CANDIDATES, ROUNDS = 60, 8, 64, 3
+States = Float[np.ndarray, "ants 29"]
+Actions = Float[np.ndarray, "ants 8"]
+
+
+class TruePlanner:
+    """The search of `learning/planning.py` without its noise, through MuJoCo instead of d."""
+
+    def __init__(self, agent: Agent, ants: int) -> None:
+        self.agent, self.rng = agent, np.random.default_rng(0)
+        self.env = make("ant", ants * CANDIDATES, 0)
+
+    def worth(self, states: States, goals: States, sequences: np.ndarray) -> np.ndarray:
+        """Rewards on the way and V at the end [ants, candidates], of [ants, candidates, steps]."""
+        k, discount = self.agent.config.k, self.agent.config.discount
+        goals = np.repeat(goals, CANDIDATES, axis=0)
+        self.env.set_observations(np.repeat(states, CANDIDATES, axis=0))
+        total = np.zeros(len(goals))
+        for step in range(HORIZON):
+            after = self.env.step(sequences[:, :, step].reshape(-1, 8))[0]
+            square = (((after - goals) / self.env.scaling.spread) ** 2).sum(axis=1)
+            total += discount**step * (1 / (1 + k * square) - 1)
+        total += discount**HORIZON * self.agent.value(after, goals)
+        return total.reshape(len(states), CANDIDATES)
+
+    def __call__(self, states: States, goals: States) -> Actions:
+        """The first actions of the best sequences."""
+        shape = (len(states), CANDIDATES, HORIZON, 8)
+        mean, spread = np.zeros(shape[:1] + (1,) + shape[2:]), 0.6
+        for _ in range(ROUNDS):
+            sequences = np.clip(mean + spread * self.rng.normal(size=shape), -1, 1)
+            order = np.argsort(-self.worth(states, goals, sequences), axis=1)[:, : CANDIDATES // 8]
+            elites = np.take_along_axis(sequences, order[:, :, None, None], axis=1)
+            mean, spread = elites.mean(axis=1, keepdims=True), 0.05 + elites.std(axis=1)[:, None]
+        return elites[:, 0, 0]
+
+
+def main(run: Path, ants: int = 4) -> None:
+    """Three ways of acting, from the same starts."""
+    agent = everystate.load(run)
+    suite = suites.load("ant")
+    env = make("ant", ants, 0)
+    goals = suite.goals[env.regions(suite.goals) == "upright"][:ants].astype(np.float32)
+    search = Planning(candidates=CANDIDATES, rounds=ROUNDS, horizon=HORIZON)
+    ways = {
+        "policy": agent.act,
+        "planning": lambda s, g: agent.act(s, g, plan=search),
+        "planning with the true physics": TruePlanner(agent, ants),
+    }
+    left = {}
+    for name, act in ways.items():
+        states = turned(goals, np.pi / 2)
+        env.set_observations(states)
+        for _ in range(STEPS):
+            states = env.step(act(states, goals))[0]
+        facing, wanted = (np.arctan2(x[:, 2], x[:, 1]) for x in (states, goals))
+        error = (facing - wanted + np.pi) % (2 * np.pi) - np.pi
+        left[name] = np.degrees(error).round().astype(int).tolist()
+        print(name, left[name], flush=True)
+    said = {"command": f"python experiments/ant_turning.py {run.name}", "degrees_left": left}
+    folder = RESULTS / run.name
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "turning.json").write_text(json.dumps(said, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
