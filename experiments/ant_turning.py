@@ -47,7 +47,7 @@ class TruePlanner:
     def __call__(self, states: States, goals: States) -> Actions:
         """The first actions of the best sequences."""
         shape = (len(states), CANDIDATES, HORIZON, 8)
-        mean, spread = np.zeros(shape[:1] + (1,) + shape[2:]), 0.6
+        mean, spread = np.zeros((*shape[:1], 1, *shape[2:])), 0.6
         for _ in range(ROUNDS):
             sequences = np.clip(mean + spread * self.rng.normal(size=shape), -1, 1)
             order = np.argsort(-self.worth(states, goals, sequences), axis=1)[:, : CANDIDATES // 8]
