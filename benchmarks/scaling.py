@@ -9,6 +9,7 @@ The once-an-epoch work (sums of all weights after collection) is timed on its ow
 """
 
 import json
+import math
 import resource
 import statistics
 import time
@@ -104,13 +105,23 @@ class Subject:
 def draw(result: dict[str, Any], path: Path) -> None:
     """One panel for each number that was changed."""
     series = result["series"]
-    size = (3.2 * len(series), 2.8)
-    figure, axes = plt.subplots(1, len(series), figsize=size, layout="constrained", squeeze=False)
-    for axis, (name, costs) in zip(axes[0], series.items(), strict=True):
+    columns = min(len(series), 3)
+    rows = math.ceil(len(series) / columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(3.4 * columns, 2.6 * rows), layout="constrained", squeeze=False
+    )
+    for axis in axes.flat[len(series) :]:
+        axis.remove()
+    for axis, (name, costs) in zip(axes.flat, series.items(), strict=False):
         y = "act_ms" if name == "bodies" else "with_epoch_ms"
-        axis.plot([int(x) for x in costs], [c[y] for c in costs.values()], "o-")
-        axis.set(xscale="log", xlabel=name.replace("_", " "))
-        axis.set_ylim(bottom=0)
+        taken = [cost[y] for cost in costs.values()]
+        axis.plot([int(x) for x in costs], taken, "o-")
+        axis.set(xscale="log", xlabel=name.replace("_", " "), ylim=(0, 1.1 * max(taken)))
+        axis.set_xticks(
+            [int(x) for x in costs],
+            [x if int(x) < 10_000 else f"{int(x):.0e}".replace("e+0", "e") for x in costs],
+        )
+        axis.set_xticks([], minor=True)
         axis.set_ylabel("ms per control step" if name == "bodies" else "ms per update")
         axis.grid(alpha=0.3, which="both")
     figure.suptitle(f"preset paper, cartpole's size; {result['machine']}", fontsize=9)
