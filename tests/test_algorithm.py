@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
 from everystate import algorithm
@@ -122,3 +123,30 @@ def test_who_wanders_keeps_to_random_actions_for_a_while_and_another_does_as_eve
     pairs = some.reshape(4, 2, 10, 2)
     held = (pairs[:, 0] == pairs[:, 1]).all(axis=2)
     np.testing.assert_array_equal(held, wanders[::2])
+
+
+def test_further_steps_of_the_dynamics_move_nothing_else():
+    few, more = preset("test", epochs=100), preset("test", epochs=100, dynamics_updates=6)
+    update = eqx.filter_jit(algorithm.update_once)
+    (once, _, _), (often, metrics, _) = (
+        update(config, start(config), key=jax.random.key(5)) for config in (few, more)
+    )
+    for name, one, other in zip(once.models._fields, once.models, often.models, strict=True):
+        pairs = zip(
+            *(jax.tree.leaves(eqx.filter(m, eqx.is_array)) for m in (one, other)), strict=True
+        )
+        assert all(np.array_equal(a, b) for a, b in pairs) == (name != "dynamics"), name
+    counts = [int(optax.tree.get(state[1][0], "count")) for state in often.optimisers]
+    assert counts == [1, 6, 1, 1, 1]
+    assert np.isfinite(float(metrics["loss/d_practice"]))
+
+
+def test_dynamics_that_practise_are_learned_sooner():
+    losses = []
+    for steps in (1, 6):
+        config = preset("test", dynamics_updates=steps)
+        state, update = start(config), eqx.filter_jit(algorithm.update)
+        for _ in range(3):
+            state, metrics, _ = update(config, state)
+        losses.append(float(metrics["loss/d"]))
+    assert losses[1] < losses[0] - 0.1

@@ -25,6 +25,7 @@ from everystate.learning.losses import gradients
 from everystate.learning.models import Models, Scale, new_models, new_optimisers, step
 from everystate.learning.networks import Value
 from everystate.learning.policy import improve
+from everystate.learning.practice import practise
 from everystate.learning.replay import Transitions
 from everystate.learning.value import lowest
 
@@ -210,8 +211,11 @@ def update_once(
     )
     norms = {f"gradient/{n}": optax.tree.norm(getattr(gradient, n)) for n in Models._fields}
     models, optimisers = step(config, models, gradient, state.optimisers)
+    models, optimisers, practice = practise(
+        config, models, optimisers, state.replay, key=named(key, "practice")
+    )
     replay = rb.refresh(config, state.replay, minibatch, -lp_goal, -lp_before - lp_after)
-    metrics = {f"loss/{name}": loss for name, loss in losses.items()} | norms
+    metrics = {f"loss/{name}": loss for name, loss in losses.items()} | norms | practice
     metrics |= {
         "value/target": improvement.value.mean(),
         "value/target_min": improvement.value.min(),

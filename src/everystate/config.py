@@ -113,6 +113,8 @@ class Config:
     # --- Learning (Appendix B) ---
     num_updates: int = 100
     """n_updates: updates per epoch."""
+    dynamics_updates: int = 1
+    """Steps of d in each update, on minibatches of its own beyond the first [D23]."""
     target_period: int = 100
     """Updates per copy of V to V_targ; n_updates is the paper's one copy per episode [D8]."""
     learning_rate: float = 1e-3
@@ -232,6 +234,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "wander_steps": (1, 1_000_000),
     "max_episode_steps": (1, 1_000_000),
     "num_updates": (1, 1_000_000),
+    "dynamics_updates": (1, 10_000),
     "target_period": (1, 1_000_000),
     "learning_rate": (0, 1),
     "cooldown": (0, 1),

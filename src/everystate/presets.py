@@ -77,9 +77,11 @@ _QUICK_BODIES: dict[str, dict[str, Any]] = {
         "reward_shape": "rational",
         "frequencies": 0,
         "dynamics_layers": 1,
+        "dynamics_updates": 8,
+        "capacity": 300_000,
         "gradient_step": 10.0,
         "wander_share": 0.3,
-        "epochs": 320,
+        "epochs": 240,
     },
     "ramp-pointmass": {
         "goals": "imagined",

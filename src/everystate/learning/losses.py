@@ -7,10 +7,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.curriculum import curriculum_weights
+from everystate.learning.dynamics import Dynamics
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
 from everystate.learning.policy import Improvement
-from everystate.learning.replay import Minibatch
+from everystate.learning.replay import Minibatch, Transitions
 
 
 def gradients(
@@ -43,7 +44,7 @@ def gradients(
         new = eqx.combine(new, models)
         parts = {
             "f": -new.state_flow.log_prob(noisy(minibatch.states, "f", config.state_noise)).mean(),
-            "d": dynamics_loss(config, new, minibatch, key=named(key, "d")),
+            "d": dynamics_loss(config, new.dynamics, minibatch.transitions, key=named(key, "d")),
             "pi": policy_loss(new, starts, goals, noisy(improvement.action, "pi", sd=action_sd)),
             "c": curriculum_loss(new, goals, noisy(starts, "c", config.state_noise), weights),
             "V": value_loss(config, new, starts, goals, improvement.value),
@@ -66,14 +67,13 @@ def gradients(
 
 
 def dynamics_loss(
-    config: Config, models: Models, minibatch: Minibatch, *, key: PRNGKeyArray
+    config: Config, dynamics: Dynamics, t: Transitions, *, key: PRNGKeyArray
 ) -> Float[Array, ""]:
     """Minus the mean log d(s'|s, a), with noise of `dynamics_noise` sds of the change on s'."""
-    t = minibatch.transitions
     noise = config.dynamics_noise * jax.random.normal(key, t.observations.shape)
-    scale = jax.lax.stop_gradient(models.dynamics.change_scale)
+    scale = jax.lax.stop_gradient(dynamics.change_scale)
     reached = t.next_observations + noise * jnp.broadcast_to(scale, noise.shape)
-    log_prob = jax.vmap(lambda s, a, s_next: models.dynamics(s, a).log_prob(s_next))
+    log_prob = jax.vmap(lambda s, a, s_next: dynamics(s, a).log_prob(s_next))
     return -log_prob(t.observations, t.actions, reached).mean()
 
 

@@ -91,20 +91,25 @@ def new_models(
 
 def new_optimisers(config: Config, models: Models) -> tuple[optax.OptState, ...]:
     """Adam's state for each model."""
-    return tuple(_adam(config).init(trainable(model)) for model in models)
+    every = zip(Models._fields, models, strict=True)
+    return tuple(_adam(config, name).init(trainable(model)) for name, model in every)
 
 
 def step(
     config: Config, models: Models, gradients: Models, optimisers: tuple[optax.OptState, ...]
 ) -> tuple[Models, tuple[optax.OptState, ...]]:
     """One Adam step per model, each with its own gradient clip [D6]."""
-    stepped: list[Any] = []
-    states: list[optax.OptState] = []
-    for model, gradient, state in zip(models, gradients, optimisers, strict=True):
-        change, state = _adam(config).update(trainable(gradient), state)
-        stepped.append(eqx.apply_updates(model, change))
-        states.append(state)
+    every = zip(Models._fields, models, gradients, optimisers, strict=True)
+    stepped, states = zip(*(step_one(config, *one) for one in every), strict=True)
     return Models(*stepped), tuple(states)
+
+
+def step_one(
+    config: Config, name: str, model: Any, gradient: Any, optimiser: optax.OptState
+) -> tuple[Any, optax.OptState]:
+    """The step of the model of that name."""
+    change, optimiser = _adam(config, name).update(trainable(gradient), optimiser)
+    return eqx.apply_updates(model, change), optimiser
 
 
 def trainable(models: Any) -> Any:
@@ -112,8 +117,10 @@ def trainable(models: Any) -> Any:
     return eqx.filter(models, eqx.is_inexact_array)
 
 
-def _adam(config: Config) -> optax.GradientTransformation:
+def _adam(config: Config, name: str) -> optax.GradientTransformation:
     total = config.epochs * config.num_updates
+    if name == "dynamics":
+        total *= config.dynamics_updates
     cooling = round(config.cooldown * total)
     rate = optax.linear_schedule(
         config.learning_rate, 0.1 * config.learning_rate, max(cooling, 1), total - cooling

@@ -102,6 +102,14 @@ def visited_goals(
     return replay.transitions.next_observations[slots]
 
 
+def drawn_transitions(
+    config: Config, replay: Replay, count: int, *, key: PRNGKeyArray
+) -> Transitions:
+    """Transitions from their buffer, without anything else."""
+    slots = w.draw(replay.of_transitions, tempering(config), count, key=key)
+    return jax.tree.map(lambda ring: ring[slots], replay.transitions)
+
+
 class Minibatch(NamedTuple):
     """mb_size draws from each of the three buffers, and where they lie."""
 
