@@ -141,6 +141,7 @@ def test_further_steps_of_the_dynamics_move_nothing_else():
     assert np.isfinite(float(metrics["loss/d_practice"]))
 
 
+@pytest.mark.slow
 def test_dynamics_that_practise_are_learned_sooner():
     losses = []
     for steps in (1, 6):

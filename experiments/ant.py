@@ -1,0 +1,36 @@
+"""Trains and evaluates the ant: `python experiments/ant.py`.
+
+`seeds.py` says where everything goes. The figure is `skills.png`, the table
+`settings.md`: starts from which each skill succeeded, and goals within 1 sigma at any step.
+"""
+
+from pathlib import Path
+
+import seeds
+
+from everystate.skills import SKILLS
+from everystate.viewing.figures import skill_rates
+
+# The search takes 27 ms an action: 50 of the suite's goals, and 20 starts of every skill.
+SETTINGS = {"quick": seeds.Setting("", seeds=3, evaluation="--episodes 50")}
+
+
+def column(name: str) -> seeds.Column:
+    """A skill with planning."""
+    return lambda e: e["skills_plan"][name]
+
+
+COLUMNS: dict[str, seeds.Column] = {name: column(name) for name in SKILLS["ant"]}
+COLUMNS["goals by the policy"] = lambda e: e["success"]["all"]["1"]["any"]
+COLUMNS["goals with planning"] = lambda e: e["success_plan"]["all"]["1"]["any"]
+
+
+def draw(folders: dict[str, list[Path]]) -> None:
+    """The skills at the end of training."""
+    skill_rates(folders).savefig(seeds.results_of("ant") / "skills.png", dpi=150)
+    seeds.write_table("ant", folders, COLUMNS)
+
+
+if __name__ == "__main__":
+    description = str(__doc__).splitlines()[0]
+    seeds.main("ant", SETTINGS, draw, description=description, skills=True)
