@@ -72,6 +72,7 @@ def explained(agent: Agent, num: int = 100) -> dict[str, float]:
     taken = []
     for _ in range(4):
         poses, gait, what = ants.poses(rng, num), ants.Gait(rng, num), rng.integers(3, size=num)
+        wild = np.empty((num, 8))
         for step in range(40):
             if step % 4 == 0:
                 wild = rng.uniform(-1, 1, (num, 8))

@@ -36,7 +36,7 @@ class TruePlanner:
         k, discount = self.agent.config.k, self.agent.config.discount
         goals = np.repeat(goals, CANDIDATES, axis=0)
         self.env.set_observations(np.repeat(states, CANDIDATES, axis=0))
-        total = np.zeros(len(goals))
+        total, after = np.zeros(len(goals)), goals
         for step in range(HORIZON):
             after = self.env.step(sequences[:, :, step].reshape(-1, 8))[0]
             square = (((after - goals) / self.env.scaling.spread) ** 2).sum(axis=1)
@@ -48,6 +48,7 @@ class TruePlanner:
         """The first actions of the best sequences."""
         shape = (len(states), CANDIDATES, HORIZON, 8)
         mean, spread = np.zeros((*shape[:1], 1, *shape[2:])), 0.6
+        elites = mean
         for _ in range(ROUNDS):
             sequences = np.clip(mean + spread * self.rng.normal(size=shape), -1, 1)
             order = np.argsort(-self.worth(states, goals, sequences), axis=1)[:, : CANDIDATES // 8]

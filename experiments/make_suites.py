@@ -191,6 +191,7 @@ def ant_visited(
     visited, rested = [], []
     for _ in range(12):
         poses, gait, what = ants.poses(rng, num), ants.Gait(rng, num), rng.integers(3, size=num)
+        wild = np.empty((num, 8))
         for step in range(60):
             if step % 4 == 0:
                 wild = rng.uniform(-1, 1, (num, 8))

@@ -83,7 +83,7 @@ def _over_three_seconds(rate: np.ndarray, least: float) -> Bool[np.ndarray, " st
     """Whether the mean over any 3 s is at least so much."""
     total = np.concatenate([np.zeros((1, rate.shape[1])), rate.cumsum(axis=0)])
     window = 3 * _SECOND
-    return ((total[window:] - total[:-window]) / window >= least).any(axis=0)
+    return np.asarray(((total[window:] - total[:-window]) / window >= least).any(axis=0))
 
 
 def _spins(way: int) -> Rule:
@@ -104,9 +104,9 @@ def _goes(axis: slice) -> Rule:
 
 
 def _flips(states: States) -> Bool[np.ndarray, " starts"]:
-    """Upside down at some time, and upright at a later one, and at the end."""
+    """Upside down at some time, and upright at a later one."""
     over = np.maximum.accumulate(_up(states) < -0.7, axis=0)
-    return (over & (_up(states) > 0.7)).any(axis=0)
+    return np.asarray((over & (_up(states) > 0.7)).any(axis=0))
 
 
 SKILLS = {
