@@ -44,7 +44,7 @@ class TruePlanner:
         total += discount**HORIZON * self.agent.value(after, goals)
         return total.reshape(len(states), CANDIDATES)
 
-    def __call__(self, states: States, goals: States) -> Actions:
+    def __call__(self, states: States, goals: States, step: int) -> Actions:
         """The first actions of the best sequences."""
         shape = (len(states), CANDIDATES, HORIZON, 8)
         mean, spread = np.zeros((*shape[:1], 1, *shape[2:])), 0.6
@@ -65,16 +65,16 @@ def main(run: Path, ants: int = 4) -> None:
     goals = suite.goals[env.regions(suite.goals) == "upright"][:ants].astype(np.float32)
     search = Planning(candidates=CANDIDATES, rounds=ROUNDS, horizon=HORIZON)
     ways = {
-        "policy": agent.act,
-        "planning": lambda s, g: agent.act(s, g, plan=search),
+        "policy": lambda s, g, step: agent.act(s, g),
+        "planning": lambda s, g, step: agent.act(s, g, plan=search, seed=step),
         "planning with the true physics": TruePlanner(agent, ants),
     }
     left = {}
     for name, act in ways.items():
         states = turned(goals, np.pi / 2)
         env.set_observations(states)
-        for _ in range(STEPS):
-            states = env.step(act(states, goals))[0]
+        for step in range(STEPS):
+            states = env.step(act(states, goals, step))[0]
         facing, wanted = (np.arctan2(x[:, 2], x[:, 1]) for x in (states, goals))
         error = (facing - wanted + np.pi) % (2 * np.pi) - np.pi
         left[name] = np.degrees(error).round().astype(int).tolist()

@@ -86,9 +86,12 @@ class Suite:
 
 
 def load(body: str, path: Path | str | None = None, options: Sequence[str] = ()) -> Suite:
-    """The body's own suite, or one from a file; for a body without either, one made on the spot."""
+    """The body's own suite, or one from a file; for a body without either, one made on the spot.
+
+    So is that of a body whose options give it another state.
+    """
     if path is None:
-        if body not in SUITES:
+        if body not in SUITES or (options and _state(body, options) != _state(body)):
             return on_the_spot(body, tuple(options))
         path = FOLDER / f"{body}.json"
     try:
@@ -102,6 +105,10 @@ def load(body: str, path: Path | str | None = None, options: Sequence[str] = ())
     if suite.body != body:
         raise EverystateError(f"{path} is a goal suite for {suite.body!r}, not for {body!r}")
     return suite
+
+
+def _state(body: str, options: Sequence[str] = ()) -> Sequence[str]:
+    return envs.make(body, 1, 0, **envs.parse_options(options)).state_names
 
 
 @functools.lru_cache(maxsize=4)
