@@ -33,7 +33,15 @@ def timeless(run: Path) -> list[dict[str, Any]]:
     ]
 
 
-@pytest.mark.parametrize("body", ["cartpole", "ant", "gymnasium:Pendulum-v1", "gymnasium:Ant-v5"])
+@pytest.mark.parametrize(
+    "body",
+    [
+        "cartpole",
+        "ant",
+        "gymnasium:Pendulum-v1",
+        pytest.param("gymnasium:Ant-v5", marks=pytest.mark.slow),
+    ],
+)
 def test_trains_resumes_evaluates_and_reports(body: str, tmp_path: Path) -> None:
     run = everystate.train(body, run_dir=tmp_path / "run", **SHORT)
     whole = timeless(run)

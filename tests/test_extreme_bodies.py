@@ -11,7 +11,12 @@ from everystate.training.logging import read_metrics
 from extreme_bodies import OBSERVED
 
 
-@pytest.mark.parametrize("name", OBSERVED)
+FAST = ("Huge", "Constant", "Jumping")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in FAST else pytest.mark.slow) for n in OBSERVED]
+)
 def test_an_extreme_body_trains_without_a_fault(tmp_path: Path, name: str) -> None:
     run = everystate.train(
         f"extreme_bodies:{name}-v0", preset="test", run_dir=tmp_path / "run", progress=False
