@@ -5,10 +5,12 @@ through the learned d, and by the same search through the body's own physics, an
 from the goal's heading they are after 3 s, in degrees, to `results/ant-notes/RUN/turning.json`.
 """
 
+import functools
 import json
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 from ant_inside import RESULTS, turned
 from jaxtyping import Float
@@ -18,6 +20,7 @@ from everystate import Agent
 from everystate.envs import make
 from everystate.evaluation import suites
 from everystate.learning.planning import Planning
+from everystate.learning.rewards import closeness
 
 STEPS, HORIZON, CANDIDATES, ROUNDS = 60, 8, 64, 3
 States = Float[np.ndarray, "ants 29"]
@@ -30,17 +33,18 @@ class TruePlanner:
     def __init__(self, agent: Agent, ants: int) -> None:
         self.agent, self.rng = agent, np.random.default_rng(0)
         self.env = make("ant", ants * CANDIDATES, 0)
+        self.near = jax.jit(jax.vmap(functools.partial(closeness, agent.config)))
 
     def worth(self, states: States, goals: States, sequences: np.ndarray) -> np.ndarray:
         """Rewards on the way and V at the end [ants, candidates], of [ants, candidates, steps]."""
-        k, discount = self.agent.config.k, self.agent.config.discount
+        discount = self.agent.config.discount
         goals = np.repeat(goals, CANDIDATES, axis=0)
         self.env.set_observations(np.repeat(states, CANDIDATES, axis=0))
         total, after = np.zeros(len(goals)), goals
         for step in range(HORIZON):
             after = self.env.step(sequences[:, :, step].reshape(-1, 8))[0]
-            square = (((after - goals) / self.env.scaling.spread) ** 2).sum(axis=1)
-            total += discount**step * (1 / (1 + k * square) - 1)
+            places = (self.agent.scale.scaled(x) for x in (after, goals))
+            total += discount**step * (np.asarray(self.near(*places)) - 1)
         total += discount**HORIZON * self.agent.value(after, goals)
         return total.reshape(len(states), CANDIDATES)
 

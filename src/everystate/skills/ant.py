@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from everystate.skills.skill import Rule, Skill, States, held, kept, once
+from everystate.skills.skill import Skill, States, held, kept, once
 
 _SECOND = 20  # control steps
 LEVEL = 0.8951  # rad, of an ankle when its foot is level; less is further down
@@ -86,20 +86,34 @@ def _over_three_seconds(rate: np.ndarray, least: float) -> Bool[np.ndarray, " st
     return np.asarray(((total[window:] - total[:-window]) / window >= least).any(axis=0))
 
 
-def _spins(way: int) -> Rule:
-    """At 1 rad/s about the vertical: to the left is 1, to the right -1."""
+def _spin(side: str, way: int) -> Skill:
+    """About the vertical; seen from above, to the left is 1, to the right -1."""
 
-    def rule(states: States) -> Bool[np.ndarray, " starts"]:
+    def done(states: States) -> Bool[np.ndarray, " starts"]:
         heading = np.unwrap(np.arctan2(states[..., 2], states[..., 1]), axis=0)
         return _over_three_seconds(way * np.diff(heading, axis=0) * _SECOND, 1.0)
 
-    return rule
+    return Skill(
+        text=f"turn to the {side}, seen from above, by 1 rad/s for 3 of 10 s",
+        goals=(state(STANDS, turning=(0.0, 0.0, 1.5 * way)),),
+        steps=10 * _SECOND,
+        starts=_standing,
+        done=done,
+    )
 
 
-def _goes(axis: slice) -> Rule:
-    """At 0.5 m/s along an axis of its torso."""
-    return lambda states: _over_three_seconds(
-        (states[..., 15:18] * states[..., axis]).sum(axis=-1), 0.5
+def _walk(name: str, axis: int) -> Skill:
+    """Along an axis of its torso."""
+    own = slice(1 + 3 * axis, 4 + 3 * axis)
+    velocity = (0.7, 0.0, 0.0) if axis == 0 else (0.0, 0.7, 0.0)
+    return Skill(
+        text=f"go along its own {name} axis at 0.5 m/s for 3 of 10 s",
+        goals=(state(STANDS, velocity=velocity),),
+        steps=10 * _SECOND,
+        starts=_standing,
+        done=lambda states: _over_three_seconds(
+            (states[..., 15:18] * states[..., own]).sum(-1), 0.5
+        ),
     )
 
 
@@ -120,34 +134,10 @@ SKILLS = {
             _SECOND,
         ),
     ),
-    "spin-left": Skill(
-        text="turn to the left, seen from above, by 1 rad/s for 3 of 10 s",
-        goals=(state(STANDS, turning=(0.0, 0.0, 1.5)),),
-        steps=10 * _SECOND,
-        starts=_standing,
-        done=_spins(1),
-    ),
-    "spin-right": Skill(
-        text="turn to the right, seen from above, by 1 rad/s for 3 of 10 s",
-        goals=(state(STANDS, turning=(0.0, 0.0, -1.5)),),
-        steps=10 * _SECOND,
-        starts=_standing,
-        done=_spins(-1),
-    ),
-    "walk-forward": Skill(
-        text="go along its own x axis at 0.5 m/s for 3 of 10 s",
-        goals=(state(STANDS, velocity=(0.7, 0.0, 0.0)),),
-        steps=10 * _SECOND,
-        starts=_standing,
-        done=_goes(slice(1, 4)),
-    ),
-    "walk-sideways": Skill(
-        text="go along its own y axis at 0.5 m/s for 3 of 10 s",
-        goals=(state(STANDS, velocity=(0.0, 0.7, 0.0)),),
-        steps=10 * _SECOND,
-        starts=_standing,
-        done=_goes(slice(4, 7)),
-    ),
+    "spin-left": _spin("left", 1),
+    "spin-right": _spin("right", -1),
+    "walk-forward": _walk("x", 0),
+    "walk-sideways": _walk("y", 1),
     "jump": Skill(
         text="leave the floor with all of its body",
         goals=(state(0.9),),
