@@ -3,8 +3,13 @@
 They show what states it can be in and stay in: its goal suite is made of what they visit.
 """
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+
+from everystate.envs import BodyVectorEnv
 
 States = Float[np.ndarray, "envs 29"]
 HIPS, ANKLES = slice(0, 8, 2), slice(1, 8, 2)
@@ -36,3 +41,33 @@ class Gait:
         """Actions towards where the joints are to be now."""
         turn = np.sin(2 * np.pi * step / self.period + self.phase)
         return towards(states, self.middle + self.swing * turn)
+
+
+class Round(NamedTuple):
+    """What ants did for a while."""
+
+    posing: Bool[np.ndarray, " envs"]
+    """Who went to a pose and stayed there."""
+    observations: Float[np.ndarray, "steps envs 29"]
+    actions: Float[np.ndarray, "steps envs 8"]
+    next_observations: Float[np.ndarray, "steps envs 29"]
+
+
+def play(
+    env: BodyVectorEnv, states: States, rng: np.random.Generator, rounds: int, steps: int
+) -> Iterator[Round]:
+    """Ants that in every round act at random, walk by a gait, or take up a pose, each its own."""
+    num = len(states)
+    for _ in range(rounds):
+        angles, gait, what = poses(rng, num), Gait(rng, num), rng.integers(3, size=num)
+        wild, taken = np.empty((num, 8)), []
+        for step in range(steps):
+            if step % 4 == 0:
+                wild = rng.uniform(-1, 1, (num, 8))
+            now = states.astype(float)
+            choices = [wild, gait(now, step), towards(now, angles)]
+            actions = np.choose(what[:, None], choices).clip(-1, 1)
+            after = env.step(actions)[0]
+            taken.append((states, actions, after))
+            states = after
+        yield Round(what == 2, *(np.stack(column) for column in zip(*taken, strict=True)))

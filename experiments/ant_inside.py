@@ -69,20 +69,11 @@ def explained(agent: Agent, num: int = 100) -> dict[str, float]:
     """Share of the variance of s' - s that d's central prediction explains, by parts."""
     rng, env = np.random.default_rng(5), make("ant", num, 1)
     states, _ = env.reset(seed=1)
-    taken = []
-    for _ in range(4):
-        poses, gait, what = ants.poses(rng, num), ants.Gait(rng, num), rng.integers(3, size=num)
-        wild = np.empty((num, 8))
-        for step in range(40):
-            if step % 4 == 0:
-                wild = rng.uniform(-1, 1, (num, 8))
-            now = states.astype(float)
-            choices = [wild, gait(now, step), ants.towards(now, poses)]
-            actions = np.choose(what[:, None], choices).clip(-1, 1).astype(np.float32)
-            after = env.step(actions)[0]
-            taken.append((states, actions, after))
-            states = after
-    before, actions, after = (jnp.asarray(np.concatenate(x)) for x in zip(*taken, strict=True))
+    rounds = [*ants.play(env, states, rng, rounds=4, steps=40)]
+    before, actions, after = (
+        jnp.asarray(np.concatenate([x.reshape(-1, x.shape[-1]) for x in column]), jnp.float32)
+        for column in list(zip(*rounds, strict=True))[1:]
+    )
     before, after = agent.scale.scaled(before), agent.scale.scaled(after)
     dynamics = agent.models.dynamics
     central = jax.jit(jax.vmap(lambda s, a: decode(dynamics(s, a), jnp.zeros_like(s))))

@@ -189,19 +189,10 @@ def ant_visited(
     states[over, 4:7] *= -1  # the y axis: half a turn about the x axis
     env.set_observations(states)
     visited, rested = [], []
-    for _ in range(12):
-        poses, gait, what = ants.poses(rng, num), ants.Gait(rng, num), rng.integers(3, size=num)
-        wild = np.empty((num, 8))
-        for step in range(60):
-            if step % 4 == 0:
-                wild = rng.uniform(-1, 1, (num, 8))
-            now = states.astype(float)
-            choices = [wild, gait(now, step), ants.towards(now, poses)]
-            actions = np.choose(what[:, None], choices).clip(-1, 1)
-            states = env.step(actions)[0]
-            visited.append(states)
-        at_rest = (what == 2) & (env.regions(states) != "moving")
-        rested.append(states[at_rest])
+    for done in ants.play(env, states, rng, rounds=12, steps=60):
+        last = done.next_observations[-1]
+        visited.append(done.next_observations.reshape(-1, last.shape[1]))
+        rested.append(last[done.posing & (env.regions(last) != "moving")])
     return np.concatenate(visited).astype(float), np.concatenate(rested).astype(float)
 
 
