@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from ant_inside import RESULTS, turned
 from jaxtyping import Float
@@ -43,7 +44,7 @@ class TruePlanner:
         total, after = np.zeros(len(goals)), goals
         for step in range(HORIZON):
             after = self.env.step(sequences[:, :, step].reshape(-1, 8))[0]
-            places = (self.agent.scale.scaled(x) for x in (after, goals))
+            places = (self.agent.scale.scaled(jnp.asarray(x)) for x in (after, goals))
             total += discount**step * (np.asarray(self.near(*places)) - 1)
         total += discount**HORIZON * self.agent.value(after, goals)
         return total.reshape(len(states), CANDIDATES)
