@@ -1,6 +1,6 @@
 # Everything a developer types. `make` alone explains itself.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test coverage test-slow test-browser check bench docs clean
+.PHONY: help setup demo test coverage test-slow test-browser peers test-peers check bench docs clean
 
 # The first Python 3.11 with its venv module; name another with `make PYTHON=...`.
 PYTHON ?= $(shell for p in python3.11 python3 python; do \
@@ -9,6 +9,7 @@ PYTHON ?= $(shell for p in python3.11 python3 python; do \
 BIN := .venv/bin
 STAMP := .venv/.installed
 DOCS_STAMP := .venv/.installed-docs
+PEERS_STAMP := .venv/.installed-peers
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 DEMO_ARGS ?=
@@ -40,10 +41,19 @@ coverage: setup  ## run the fast tests and write which share of src/ they reach
 	@tail -n 1 results/trust/coverage.txt
 
 test-slow: setup  ## run the tests that take more than seconds
-	$(BIN)/python -m pytest -m "slow and not browser" $(PYTEST_ARGS) $(TESTS)
+	$(BIN)/python -m pytest -m "slow and not browser and not peers" $(PYTEST_ARGS) $(TESTS)
 
 test-browser: setup  ## run the tests of the studio that need Chromium (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest -m browser $(TESTS)
+
+peers: $(PEERS_STAMP)  ## install Stable-Baselines3 for `everystate compare` (and with it PyTorch)
+
+$(PEERS_STAMP): requirements-peers.txt $(STAMP)
+	@$(PIP) -r requirements-peers.txt
+	@touch $@
+
+test-peers: peers  ## run the tests of the agents of Stable-Baselines3
+	$(BIN)/python -m pytest -m peers $(TESTS)
 
 check: export PYRIGHT_PYTHON_GLOBAL_NODE = 0
 check: export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1

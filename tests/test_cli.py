@@ -149,7 +149,8 @@ def test_json_is_the_whole_last_line(
     assert json.loads(capsys.readouterr().out.splitlines()[-1]) == RESULT
     ((_, asked),) = calls
     assert asked.pop("run") == Path("runs/x")
-    assert asked == {"plan": True, "goals_file": None, "episodes": None, "skills": False}
+    assert asked.pop("plan")
+    assert asked == {"goals_file": None, "episodes": None, "skills": False, "perturb": False}
 
 
 def test_evaluate_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:

@@ -24,6 +24,7 @@ def pins(filename: str) -> dict[str, str]:
         ("requirements.txt", PROJECT["dependencies"]),
         ("requirements-dev.txt", PROJECT["optional-dependencies"]["dev"]),
         ("requirements-dev.txt", PROJECT["optional-dependencies"]["bodies"]),
+        ("requirements-peers.txt", PROJECT["optional-dependencies"]["peers"]),
     ],
 )
 def test_pins_lie_within_the_declared_ranges(filename: str, requirements: list[str]) -> None:

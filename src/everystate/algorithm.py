@@ -82,10 +82,12 @@ def choose_goals(
 ) -> Float[Array, "bodies s"]:
     """For every body, the least likely under f of m goals: decoded from it (4.1), or visited."""
     flow, count = models.state_flow, config.num_bodies * config.m
-    if config.goals == "visited":
+    if config.goals == "imagined":
+        goals = imagined(flow, count, key=key)
+    elif config.goals == "visited":
         goals = rb.visited_goals(config, replay, count, key=key)
     else:
-        goals = imagined(flow, count, key=key)
+        goals = rb.any_visited(replay, count, key=key)
     return jax.vmap(lambda g: least_likely(flow, g))(goals.reshape(config.num_bodies, config.m, -1))
 
 

@@ -2,6 +2,7 @@
 
   train BODY     let an agent teach itself a body, or go on with a run
   evaluate RUN   measure what it can reach [--json]
+  compare BODY   train and measure several agents side by side, ours and others'
   report RUN     draw a page of pictures of a run
   render RUN     film an agent performing a skill, going to a goal or exploring
   studio RUN     watch an agent in the browser and send it about
@@ -23,7 +24,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import tyro
 
@@ -63,6 +64,34 @@ class Evaluate:
     """Measure planning at act time too."""
     skills: bool = False
     """Measure the named skills of the body too."""
+    perturb: Literal["grid"] | None = None
+    """Measure it in worlds of other masses, motors and noise too: worst, and the worst tenth."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Compare:
+    """Trains agents on one body for the same time, each on one core, and measures them alike.
+
+    Agents: ours (as `everystate train` makes it), ours-least-likely, ours-density, ours-visited,
+    ours-skew-fit and ours-mega (by other choices of goals), sac-her, tqc-her and random.
+    """
+
+    body: tyro.conf.Positional[str]
+    """Body to learn; `everystate bodies` lists them."""
+    agents: tuple[str, ...] = ("ours", "sac-her", "random")
+    """Whom to compare."""
+    seeds: int = 5
+    """Runs of each, of seeds 0, 1, and so on."""
+    minutes: float = 10.0
+    """Wall-clock of each run."""
+    out: Path | None = None
+    """Folder of results, by default runs/compare-BODY; the same command goes on with it."""
+    preset: str = "quick"
+    """Preset of our agents."""
+    episodes: int | None = None
+    """Only so many goals of the suite."""
+    plan: bool = True
+    """Measure our agents with planning at act time too."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,6 +174,7 @@ def evaluate(argv: list[str]) -> None:
             goals_file=options.goals,
             episodes=options.episodes,
             skills=options.skills,
+            perturb=options.perturb == "grid",
         )
     if options.json:
         print(json.dumps(result))
@@ -152,6 +182,20 @@ def evaluate(argv: list[str]) -> None:
     _print(evaluation.table(result))
     if options.skills:
         _print(evaluation.skills_table(result))
+    if options.perturb:
+        _print(evaluation.perturbed_table(result))
+
+
+def compare(argv: list[str]) -> None:
+    """Train and measure several agents side by side."""
+    options = _parse(Compare, "compare", argv)
+    from everystate import peers
+
+    shared = options.body, options.minutes, options.preset, options.episodes, options.plan
+    out = options.out or Path("runs") / f"compare-{Path(options.body).stem}"
+    peers.compare(peers.Terms(*shared), options.agents, options.seeds, out)
+    print((out / "comparison.md").read_text())
+    print(f"in {out}")
 
 
 def report(argv: list[str]) -> None:
@@ -227,7 +271,9 @@ def skills(argv: list[str]) -> None:
             print(f"  {name}: {skill.text}")
 
 
-COMMANDS = {f.__name__: f for f in (train, evaluate, report, render, studio, demo, bodies, skills)}
+COMMANDS = {
+    f.__name__: f for f in (train, evaluate, compare, report, render, studio, demo, bodies, skills)
+}
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +22,9 @@ from everystate.agent.arrays import named_arrays, skeleton, with_arrays
 from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 FORMAT = 2
 _PROBLEMS = (
@@ -139,13 +142,13 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
     return found
 
 
-def config_to_json(config: Config) -> dict[str, Any]:
-    """The fields of a config; JSON has no infinity, so that one is a string."""
+def config_to_json(config: "DataclassInstance") -> dict[str, Any]:
+    """The fields of a config; JSON has no infinity, so that one is a string, and no tuple."""
     values = {
         name: str(x) if isinstance(x, float) and math.isinf(x) else x
         for name, x in asdict(config).items()
     }
-    return values | {"body_options": list(config.body_options)}
+    return {name: list(x) if isinstance(x, tuple) else x for name, x in values.items()}
 
 
 def config_from_json(values: Mapping[str, Any]) -> Config:

@@ -1,7 +1,14 @@
 """How well an agent reaches the states of a fixed suite, how safely, and how well it knows."""
 
 from everystate.evaluation.agents import Agent
-from everystate.evaluation.evaluate import coverage, evaluate, rollout, skills_table, table
+from everystate.evaluation.evaluate import (
+    coverage,
+    evaluate,
+    perturbed_table,
+    rollout,
+    skills_table,
+    table,
+)
 from everystate.evaluation.performances import perform, success_rates
 from everystate.evaluation.provenance import provenance
 
@@ -10,6 +17,7 @@ __all__ = [
     "coverage",
     "evaluate",
     "perform",
+    "perturbed_table",
     "provenance",
     "rollout",
     "skills_table",

@@ -1,10 +1,22 @@
 """What an evaluation needs of an agent."""
 
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import Field
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from everystate.config import Config
+
+@runtime_checkable
+class AgentConfig(Protocol):
+    """What an evaluation needs of its config, a dataclass: all of it goes into the results."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    @property
+    def body(self) -> str: ...
+
+    @property
+    def body_options(self) -> tuple[str, ...]: ...
 
 
 @runtime_checkable
@@ -12,7 +24,7 @@ class Agent(Protocol):
     """What an evaluation needs of an agent."""
 
     @property
-    def config(self) -> Config: ...
+    def config(self) -> AgentConfig: ...
 
     def act(
         self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0

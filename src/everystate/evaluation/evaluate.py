@@ -15,6 +15,7 @@ from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.evaluation import metrics, suites
 from everystate.evaluation.agents import Agent
 from everystate.evaluation.performances import STARTS, success_rates
+from everystate.evaluation.perturbations import GRID, summarised
 from everystate.evaluation.provenance import provenance
 from everystate.skills import skills_of
 
@@ -26,6 +27,7 @@ def evaluate(
     goals_file: Path | str | None = None,
     episodes: int | None = None,
     skills: bool = False,
+    perturb: bool = False,
     seed: int = 0,
 ) -> dict[str, Any]:
     """Goal reaching on the fixed suite of the agent's body, under the body's own noise.
@@ -36,11 +38,13 @@ def evaluate(
         goals_file: a goal suite of one's own instead of the body's.
         episodes: only so many goals, evenly taken from the suite.
         skills: also the named skills of the body; otherwise `skills` and `skills_plan` are None.
+        perturb: also in each world of `perturbations.GRID`; otherwise `perturbed` is None.
         seed: of the body's noise and of planning; the same seed gives the same result.
 
     Returns:
         What JSON can hold: `success`, `success_plan` and `position_only` as [region][eps][reading];
-        `skills` and `skills_plan` as shares of 20 starts by name;
+        `skills` and `skills_plan` as shares of 20 starts by name; `perturbed` as in
+        `perturbations.summarised`;
         `falls_per_1000_steps`; `calibration` of -V against measured steps; `coverage` of the run,
         if it is one; then config, seed, command, commit, machine and versions. None stands where
         there is no number. Only what is under `time` depends on the clock.
@@ -64,6 +68,7 @@ def evaluate(
         "position_only": with_policy["position_only"],
         "skills": success_rates(agent, plan=False, seed=seed) if skills else None,
         "skills_plan": success_rates(agent, plan=True, seed=seed) if skills and plan else None,
+        "perturbed": _perturbed(agent, suite, plan=plan, seed=seed) if perturb else None,
         "falls_per_1000_steps": with_policy["falls_per_1000_steps"],
         "falls_by_region": with_policy["falls_by_region"],
         "calibration": with_policy["calibration"],
@@ -153,8 +158,41 @@ def skills_table(result: Mapping[str, Any]) -> Table:
     return shown
 
 
-def _measure(agent: Agent, suite: suites.Suite, *, plan: bool, seed: int) -> dict[str, Any]:
-    options = parse_options(agent.config.body_options)
+def perturbed_table(result: Mapping[str, Any]) -> Table:
+    """Success over all goals in the worlds of the perturbation grid."""
+    shown = Table(title=f"Other masses, motors and noise, {len(GRID)} worlds")
+    shown.add_column("success@0.5, last step")
+    names = {"nominal": "as trained", "mean": "mean", "cvar10": "worst tenth", "worst": "worst"}
+    for heading in names.values():
+        shown.add_column(heading, justify="right")
+    for how, found in result["perturbed"].items():
+        if found:
+            shown.add_row(how, *(f"{100 * found[name]:.1f} %" for name in names))
+    return shown
+
+
+def _perturbed(agent: Agent, suite: suites.Suite, *, plan: bool, seed: int) -> dict[str, Any]:
+    """What becomes of success in other worlds, by the policy and, if wanted, with planning."""
+
+    def success(*, plan: bool) -> list[float]:
+        worlds = (_measure(agent, suite, plan=plan, seed=seed, world=w) for w in GRID)
+        return [world["success"]["all"]["0.5"]["last"] for world in worlds]
+
+    return {
+        "policy": summarised(success(plan=False)),
+        "planning": summarised(success(plan=True)) if plan else None,
+    }
+
+
+def _measure(
+    agent: Agent,
+    suite: suites.Suite,
+    *,
+    plan: bool,
+    seed: int,
+    world: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
+    options = parse_options(agent.config.body_options) | dict(world or {})
     env = make(suite.body, len(suite.goals), seed, **options)
     starts, goals, horizons = suite.starts, suite.goals, suite.horizons
     states = rollout(agent, env, starts, goals, int(horizons.max()), plan=plan, seed=seed)

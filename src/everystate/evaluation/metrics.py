@@ -86,13 +86,16 @@ def calibration(
 ) -> dict[str, Any]:
     """-V(start, goal) against measured steps, over the goals that were reached.
 
-    Both are None where too few goals were reached for them to mean anything.
+    Both are None where too few goals were reached for them to mean anything, or predictions are
+    not finite, as of an agent that makes none.
     """
     from scipy.stats import rankdata  # which takes half a second to import
 
     reached = np.isfinite(measured)
     predicted, measured = np.asarray(predicted, np.float64)[reached], measured[reached]
     result: dict[str, Any] = {"mae": None, "spearman": None, "reached": int(reached.sum())}
+    if not np.isfinite(predicted).all():
+        return result
     if len(measured):
         result["mae"] = float(np.abs(predicted - measured).mean())
     if len(measured) > 2 and np.ptp(predicted) > 0 and np.ptp(measured) > 0:

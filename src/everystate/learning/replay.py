@@ -102,6 +102,12 @@ def visited_goals(
     return replay.transitions.next_observations[slots]
 
 
+def any_visited(replay: Replay, count: int, *, key: PRNGKeyArray) -> Float[Array, "count s"]:
+    """States visited, each step as likely as any other."""
+    slots = jax.random.randint(key, (count,), 0, replay.size, jnp.int32)
+    return replay.transitions.next_observations[slots]
+
+
 def drawn_transitions(
     config: Config, replay: Replay, count: int, *, key: PRNGKeyArray
 ) -> Transitions:

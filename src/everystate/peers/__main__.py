@@ -1,0 +1,26 @@
+"""One run of a comparison, in a process of its own: FOLDER AGENT SEED."""
+
+import json
+import sys
+from pathlib import Path
+
+from everystate.errors import EverystateError
+from everystate.peers.contest import Terms, play
+
+
+def main(folder: str, name: str, seed: str) -> int:
+    """Returns the exit code."""
+    terms = json.loads((Path(folder) / "terms.json").read_text())
+    terms["options"] = tuple(terms["options"])
+    try:
+        play(name, int(seed), Terms(**terms), Path(folder) / name / f"seed{seed}")
+    except EverystateError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,40 @@
+"""What stands beside our agent in a comparison, as an evaluation wants it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from everystate import envs
+
+
+@dataclass(frozen=True)
+class PeerConfig:
+    """What the results of a peer say of it."""
+
+    body: str
+    body_options: tuple[str, ...]
+    seed: int
+    agent: str
+    settings: dict[str, Any]
+    """Of its learning, by the names its own library gives them."""
+
+
+class RandomActions:
+    """Acts uniformly at random, whatever the goal."""
+
+    def __init__(self, config: PeerConfig) -> None:
+        self.config = config
+        body = envs.make(config.body, 1, 0, **envs.parse_options(config.body_options))
+        self._size = body.single_action_space.shape[0]
+
+    def act(
+        self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0
+    ) -> Float32[np.ndarray, "*n action"]:
+        shape = (*np.shape(observation)[:-1], self._size)
+        return np.random.default_rng(seed).uniform(-1, 1, shape).astype(np.float32)
+
+    def steps_to_goal(self, observation: Any, goal: Any) -> Float32[np.ndarray, "*n"]:
+        """It has no idea."""
+        return np.full(np.shape(observation)[:-1], np.nan, dtype=np.float32)
