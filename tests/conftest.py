@@ -45,12 +45,16 @@ for module_name, function_name in LENIENT:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep compiled programs from run to run; compiling is most of the time of the fast tests."""
+    """Keep compiled programs from run to run; compiling is most of the time of the fast tests.
+
+    Down to the smallest: what is not jitted is hundreds of them, anew in every module and process.
+    """
     folder = config.cache.mkdir("jax") if config.cache else None
     if folder is not None and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)  # for the processes that tests start
+        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
         jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 @pytest.fixture(scope="module", autouse=True)

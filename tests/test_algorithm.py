@@ -37,7 +37,13 @@ def leaves(state):
 
 
 @pytest.mark.parametrize(
-    "flow", ["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
+    "flow",
+    [
+        "pldu",
+        "coupling-affine",
+        pytest.param("coupling-spline", marks=pytest.mark.slow),
+        pytest.param("autoregressive-spline", marks=pytest.mark.slow),
+    ],
 )
 def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
     config = preset("test", flow=flow, num_updates=2, target_period=1)
@@ -96,6 +102,8 @@ def test_presets_of_the_paper_run(name):
         "N": 3,
         "num_updates": 1,
         "target_period": 1,
+        "depth": 1,
+        "width": 16,
     }
     config = preset(name, **small, num_bodies=10, steps_per_epoch=5)
     _, metrics, _ = eqx.filter_jit(algorithm.update)(config, start(config))

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 
-def test_a_run_that_is_killed_five_times_ends_as_if_it_had_not_been(
-    pytestconfig: pytest.Config,
+@pytest.mark.parametrize("kills", [2, pytest.param(10, marks=pytest.mark.slow)])
+def test_a_run_that_is_killed_ends_as_if_it_had_not_been(
+    pytestconfig: pytest.Config, kills: int
 ) -> None:
     script = Path(__file__).with_name("kill_runs.py")
     # With a cache of everystate's own, as users have it: traced programs are kept too.
@@ -18,8 +19,8 @@ def test_a_run_that_is_killed_five_times_ends_as_if_it_had_not_been(
     assert pytestconfig.cache is not None
     environment["EVERYSTATE_CACHE"] = str(pytestconfig.cache.mkdir("everystate"))
     done = subprocess.run(
-        [sys.executable, script, "5"], capture_output=True, text=True, env=environment
+        [sys.executable, script, str(kills)], capture_output=True, text=True, env=environment
     )
     assert done.returncode == 0, done.stdout + done.stderr[-2_000:]
     said = json.loads(done.stdout.splitlines()[-1])
-    assert sum(said["during"].values()) == 5
+    assert sum(said["during"].values()) == kills
