@@ -16,12 +16,21 @@ from pathlib import Path
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from everystate import cli, evaluation, viewing
+from everystate import cli, evaluation, peers, viewing
+from everystate.cli import options
+from everystate.peers import comparison
 from everystate.training import loop
 from everystate.viewing import studio
 
 FOLDER = Path(tempfile.mkdtemp())
-KINDS = (cli.Train, cli.Evaluate, cli.Report, cli.Render, cli.Studio)
+KINDS = (
+    options.Train,
+    options.Evaluate,
+    options.Compare,
+    options.Report,
+    options.Render,
+    options.Studio,
+)
 OPTIONS = sorted({f"--{field.name}" for kind in KINDS for field in fields(kind)})
 BODIES = ["ramp-pointmass", "cartpole", "no-body", "nothing.xml", "gymnasium:No-v0", "os:system"]
 NUMBERS = ["0", "1", "-1", "3.5", "1e400", "nan", "inf", "-inf", "99999999999999999999", "0x10", ""]
@@ -82,6 +91,9 @@ def main() -> None:
     examples = int(sys.argv[1]) if len(sys.argv) > 1 else 500
     for module, name in (
         (loop, "_run"),
+        (comparison, "_run"),
+        (comparison, "write"),
+        (peers, "table"),
         (evaluation, "evaluate"),
         (evaluation, "table"),
         (evaluation, "skills_table"),
@@ -89,7 +101,7 @@ def main() -> None:
         (viewing, "render"),
         (studio, "studio"),
     ):
-        setattr(module, name, lambda *_, **__: {})
+        setattr(module, name, lambda *_, **__: None)
     os.chdir(FOLDER)
     try:
         settings(max_examples=examples, deadline=None, derandomize=True, database=None)(

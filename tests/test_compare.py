@@ -12,7 +12,7 @@ from everystate.errors import EverystateError
 from everystate.evaluation import perturbations
 from everystate.peers import CONTESTANTS, Terms, compare
 from everystate.peers.agents import PeerConfig, RandomActions
-from everystate.peers.compare import gather
+from everystate.peers.comparison import gather
 from everystate.peers.tables import table
 from everystate.presets import preset
 
@@ -90,8 +90,11 @@ def test_what_cannot_be_compared_is_told_before_any_run(
     for arguments, said in (
         ("ramp-pointmass --agents ours sac", "no agent 'sac' to compare"),
         ("ramp-pointmas", "did you mean 'ramp-pointmass'"),
-        ("ramp-pointmass --agents random --seeds 0", "both must be positive"),
-        ("ramp-pointmass --agents random --minutes nan", "both must be positive"),
+        ("ramp-pointmass --agents", "no agents to compare"),
+        ("ramp-pointmass --agents random --seeds 0", "choose from 1 to 100,000 seeds"),
+        ("ramp-pointmass --agents random --minutes nan", "more than 0"),
+        ("ramp-pointmass --agents random --episodes 201", "choose 1 to 200"),
+        ("ramp-pointmass --agents random --preset quik", "did you mean 'quick'"),
     ):
         assert main(["compare", *arguments.split(), "--out", str(out)]) == 2
         assert said in capsys.readouterr().err

@@ -3,8 +3,9 @@
 Stable-Baselines3, and PyTorch with it, are imported by `goal_env.py` and `hindsight.py` alone.
 """
 
-from everystate.peers.compare import compare
+from everystate.peers.comparison import compare
 from everystate.peers.contest import Terms
 from everystate.peers.contestants import CONTESTANTS
+from everystate.peers.tables import table
 
-__all__ = ["CONTESTANTS", "Terms", "compare"]
+__all__ = ["CONTESTANTS", "Terms", "compare", "table"]

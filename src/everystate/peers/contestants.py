@@ -36,7 +36,9 @@ CONTESTANTS = {
 
 
 def require(names: Sequence[str]) -> None:
-    """Complains of agents that are not known, or whose library is not installed."""
+    """Complains of agents that are not known, or whose library is not installed, and of none."""
+    if not names:
+        raise EverystateError(f"no agents to compare: name some of {', '.join(CONTESTANTS)}")
     for name in names:
         if name not in CONTESTANTS:
             raise EverystateError(f"no agent {name!r} to compare: {suggest(name, CONTESTANTS)}")

@@ -17,129 +17,25 @@ written or lost), 130 interrupted by Ctrl-C (saved; the same command goes on).
 import argparse
 import contextlib
 import dataclasses
-import io
-import itertools
 import json
 import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import tyro
-
+from everystate.cli.options import (
+    Compare,
+    Evaluate,
+    Render,
+    Report,
+    Studio,
+    Train,
+    parse,
+)
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
 from everystate.presets import preset
-
-
-@dataclasses.dataclass(frozen=True)
-class Train(Config):
-    """Trains an agent; the same command goes on with a run that was interrupted."""
-
-    body: tyro.conf.Positional[str] = "ramp-pointmass"
-    """Body to learn; `everystate bodies` lists them."""
-    preset: str = "quick"
-    """Preset: quick (for two cores), paper, literal (paper without stabilisers) or test. It sets
-    the defaults of the options below."""
-    run_dir: Path | None = None
-    """Folder of the run, by default runs/BODY-PRESET-seedSEED."""
-    quiet: bool = False
-    """A plain line every few epochs instead of a progress bar."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Evaluate:
-    """Measures what an agent can reach, by region; how it explored; and how safe it is."""
-
-    run: tyro.conf.Positional[Path]
-    """Run folder, exported agent, or the name of an agent that comes with everystate."""
-    json: bool = False
-    """The last line is one JSON object."""
-    goals: Path | None = None
-    """A goal suite of your own, in the form of those in everystate/evaluation/suites."""
-    episodes: int | None = None
-    """Only so many goals, evenly taken from the suite."""
-    plan: bool = True
-    """Measure planning at act time too."""
-    skills: bool = False
-    """Measure the named skills of the body too."""
-    perturb: Literal["grid"] | None = None
-    """Measure it in worlds of other masses, motors and noise too: worst, and the worst tenth."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Compare:
-    """Trains agents on one body for the same time, each on one core, and measures them alike.
-
-    Agents: ours (as `everystate train` makes it), ours-least-likely, ours-density, ours-visited,
-    ours-skew-fit and ours-mega (by other choices of goals), sac-her, tqc-her and random.
-    """
-
-    body: tyro.conf.Positional[str]
-    """Body to learn; `everystate bodies` lists them."""
-    agents: tuple[str, ...] = ("ours", "sac-her", "random")
-    """Whom to compare."""
-    seeds: int = 5
-    """Runs of each, of seeds 0, 1, and so on."""
-    minutes: float = 10.0
-    """Wall-clock of each run."""
-    out: Path | None = None
-    """Folder of results, by default runs/compare-BODY; the same command goes on with it."""
-    preset: str = "quick"
-    """Preset of our agents."""
-    episodes: int | None = None
-    """Only so many goals of the suite."""
-    plan: bool = True
-    """Measure our agents with planning at act time too."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Report:
-    """Evaluates a run and draws a page of pictures of it."""
-
-    run: tyro.conf.Positional[Path]
-    """Run folder."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Render:
-    """Films an agent, in real time; the goal is a translucent ghost, what V thinks is below."""
-
-    run: tyro.conf.Positional[Path]
-    """Run folder, exported agent, or the name of an agent that comes with everystate."""
-    skill: str | None = None
-    """A named skill; `everystate skills BODY` lists them."""
-    goal: tuple[float, ...] | None = None
-    """A state to go to, a number for each component, in the order of `everystate bodies BODY`."""
-    explore: bool = False
-    """Goals that the agent proposes itself; so it is without --skill and --goal too."""
-    out: Path | None = None
-    """NAME.mp4 or NAME.gif for a film, NAME.png for a strip of moments. By default an .mp4 named
-    after the body and what it does, here."""
-    steps: int = 250
-    """Control steps of --goal and --explore; a skill has its own."""
-    plan: bool = True
-    """Act by planning ahead rather than by the policy."""
-    seed: int = 0
-    """Of where it starts, of the body's noise and of planning."""
-    size: tuple[int, int] = (480, 360)
-    """Width and height of a frame, in pixels."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Studio:
-    """Serves a page on this machine where one watches an agent live and sends it about."""
-
-    run: tyro.conf.Positional[Path] = Path("cartpole")
-    """Run folder, also one still training, exported agent, or one that comes with everystate."""
-    port: int = 8080
-    """Port of the page; 0 takes any that is free."""
-    host: str = "127.0.0.1"
-    """Address to serve it on, 0.0.0.0 for all networks; one that other machines can reach asks
-    for a token, which is printed."""
-    seed: int = 0
-    """Of where the body starts, its noise, and what surprises it."""
 
 
 def train(argv: list[str], command: str = "train", run_dir: Path | None = None) -> Path:
@@ -152,7 +48,7 @@ def train(argv: list[str], command: str = "train", run_dir: Path | None = None) 
     peek.add_argument("--preset", nargs="?")
     name = peek.parse_known_args(argv)[0].preset or Train.preset
     defaults = Train(**dataclasses.asdict(preset(name, body)), preset=name, run_dir=run_dir)
-    options = _parse(Train, command, argv, defaults)
+    options = parse(Train, command, argv, defaults)
     fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(Config)}
     from everystate import training
 
@@ -164,7 +60,7 @@ def train(argv: list[str], command: str = "train", run_dir: Path | None = None) 
 
 def evaluate(argv: list[str]) -> None:
     """Print what a run can reach."""
-    options = _parse(Evaluate, "evaluate", argv)
+    options = parse(Evaluate, "evaluate", argv)
     from everystate import evaluation
 
     with _working("measuring"):
@@ -188,19 +84,19 @@ def evaluate(argv: list[str]) -> None:
 
 def compare(argv: list[str]) -> None:
     """Train and measure several agents side by side."""
-    options = _parse(Compare, "compare", argv)
+    options = parse(Compare, "compare", argv)
     from everystate import peers
 
     shared = options.body, options.minutes, options.preset, options.episodes, options.plan
     out = options.out or Path("runs") / f"compare-{Path(options.body).stem}"
-    peers.compare(peers.Terms(*shared), options.agents, options.seeds, out)
-    print((out / "comparison.md").read_text())
+    result = peers.compare(peers.Terms(*shared), options.agents, options.seeds, out)
+    print(peers.table(result))
     print(f"in {out}")
 
 
 def report(argv: list[str]) -> None:
     """Draw the page of a run."""
-    options = _parse(Report, "report", argv)
+    options = parse(Report, "report", argv)
     from everystate import evaluation, viewing
 
     with _working("measuring, then drawing"):
@@ -210,7 +106,7 @@ def report(argv: list[str]) -> None:
 
 def render(argv: list[str]) -> None:
     """Film an agent."""
-    options = _parse(Render, "render", argv)
+    options = parse(Render, "render", argv)
     from everystate import viewing
 
     with _working("filming"):
@@ -230,7 +126,7 @@ def render(argv: list[str]) -> None:
 
 def studio(argv: list[str]) -> None:
     """Serve the page of an agent."""
-    options = _parse(Studio, "studio", argv)
+    options = parse(Studio, "studio", argv)
     from everystate.viewing.studio import studio
 
     studio(options.run, host=options.host, port=options.port, seed=options.seed)
@@ -293,33 +189,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     return 0
-
-
-def _parse(kind: type, command: str, argv: list[str], default: Any = tyro.MISSING_NONPROP) -> Any:
-    """Options by Tyro, but what is wrong with them in one line, with a suggestion."""
-    known = {f"--{field.name}".replace("_", "-"): field.type for field in dataclasses.fields(kind)}
-    known |= {f"--no-{name[2:]}": bool for name, type_ in known.items() if type_ in (bool, "bool")}
-    for argument in argv:
-        option = argument.partition("=")[0].replace("_", "-")
-        if option.startswith("--") and option not in {*known, "--help"}:
-            raise EverystateError(f"unknown option {option}: {suggest(option, known)}")
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            return tyro.cli(kind, args=argv, default=default, prog=f"everystate {command}")
-    except SystemExit as stop:
-        if not stop.code:
-            raise
-        # Below the title and above the advice, between lines that are drawn.
-        lines = [line.strip(" │") for line in said.getvalue().splitlines()[1:]]
-        below = itertools.dropwhile(_is_drawn, lines)
-        raise EverystateError(
-            " ".join(itertools.takewhile(lambda x: not _is_drawn(x), below))
-        ) from stop
-
-
-def _is_drawn(line: str) -> bool:
-    return not line.strip("─-╭╮╰╯├┤ ")
 
 
 @contextlib.contextmanager

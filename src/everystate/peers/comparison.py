@@ -10,15 +10,18 @@ from pathlib import Path
 from queue import Queue
 from typing import Any
 
-from everystate import envs
 from everystate.agent.files import read_json
 from everystate.errors import EverystateError
+from everystate.evaluation import suites
 from everystate.evaluation.aggregate import over_seeds, summary
 from everystate.peers import contestants
 from everystate.peers.contest import Terms
 from everystate.peers.tables import table
+from everystate.presets import preset
 from everystate.training.logging import read_metrics
 from everystate.training.rundir import write_atomically
+
+_MOST = 100_000
 
 
 def compare(terms: Terms, agents: Sequence[str], seeds: int, folder: Path) -> dict[str, Any]:
@@ -34,13 +37,19 @@ def compare(terms: Terms, agents: Sequence[str], seeds: int, folder: Path) -> di
             as `comparison.md`, and their growth as `comparison-minutes.png` and `-steps.png`.
 
     Raises:
-        EverystateError: an agent is unknown or not installed, the folder is of another comparison,
-            or runs failed; those that did not are kept.
+        EverystateError: a term is out of range, an agent is unknown or not installed, the folder
+            is of another comparison, or runs failed; those that did not are kept.
     """
+    agents = list(dict.fromkeys(agents))
     contestants.require(agents)
-    if seeds < 1 or not terms.minutes > 0:
-        raise EverystateError(f"{seeds} seeds of {terms.minutes:g} minutes: both must be positive")
-    envs.make(terms.body, 1, 0)
+    if not (1 <= seeds <= _MOST and 0 < terms.minutes <= _MOST):
+        raise EverystateError(
+            f"{seeds} seeds of {terms.minutes:g} minutes: choose from 1 to {_MOST:,} seeds, and"
+            f" more than 0 and up to {_MOST:,} minutes"
+        )
+    preset(terms.preset, terms.body)
+    suite = suites.load(terms.body)
+    suite.subset(len(suite.goals) if terms.episodes is None else terms.episodes)
     _claim(folder, terms)
     cores: Queue[int] = Queue()
     for core in sorted(os.sched_getaffinity(0)):

@@ -1,0 +1,149 @@
+"""The options of the commands, and how they are read."""
+
+import contextlib
+import dataclasses
+import io
+import itertools
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+from everystate.config import Config
+from everystate.errors import EverystateError, suggest
+
+
+@dataclasses.dataclass(frozen=True)
+class Train(Config):
+    """Trains an agent; the same command goes on with a run that was interrupted."""
+
+    body: tyro.conf.Positional[str] = "ramp-pointmass"
+    """Body to learn; `everystate bodies` lists them."""
+    preset: str = "quick"
+    """Preset: quick (for two cores), paper, literal (paper without stabilisers) or test. It sets
+    the defaults of the options below."""
+    run_dir: Path | None = None
+    """Folder of the run, by default runs/BODY-PRESET-seedSEED."""
+    quiet: bool = False
+    """A plain line every few epochs instead of a progress bar."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluate:
+    """Measures what an agent can reach, by region; how it explored; and how safe it is."""
+
+    run: tyro.conf.Positional[Path]
+    """Run folder, exported agent, or the name of an agent that comes with everystate."""
+    json: bool = False
+    """The last line is one JSON object."""
+    goals: Path | None = None
+    """A goal suite of your own, in the form of those in everystate/evaluation/suites."""
+    episodes: int | None = None
+    """Only so many goals, evenly taken from the suite."""
+    plan: bool = True
+    """Measure planning at act time too."""
+    skills: bool = False
+    """Measure the named skills of the body too."""
+    perturb: Literal["grid"] | None = None
+    """Measure it in worlds of other masses, motors and noise too: worst, and the worst tenth."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Compare:
+    """Trains agents on one body for the same time, each on one core, and measures them alike.
+
+    Agents: ours (as `everystate train` makes it), ours-least-likely, ours-density, ours-visited,
+    ours-skew-fit and ours-mega (by other choices of goals), sac-her, tqc-her and random.
+    """
+
+    body: tyro.conf.Positional[str]
+    """Body to learn; `everystate bodies` lists them."""
+    agents: tuple[str, ...] = ("ours", "sac-her", "random")
+    """Whom to compare."""
+    seeds: int = 5
+    """Runs of each, of seeds 0, 1, and so on."""
+    minutes: float = 10.0
+    """Wall-clock of each run."""
+    out: Path | None = None
+    """Folder of results, by default runs/compare-BODY; the same command goes on with it."""
+    preset: str = "quick"
+    """Preset of our agents."""
+    episodes: int | None = None
+    """Only so many goals of the suite."""
+    plan: bool = True
+    """Measure our agents with planning at act time too."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """Evaluates a run and draws a page of pictures of it."""
+
+    run: tyro.conf.Positional[Path]
+    """Run folder."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Render:
+    """Films an agent, in real time; the goal is a translucent ghost, what V thinks is below."""
+
+    run: tyro.conf.Positional[Path]
+    """Run folder, exported agent, or the name of an agent that comes with everystate."""
+    skill: str | None = None
+    """A named skill; `everystate skills BODY` lists them."""
+    goal: tuple[float, ...] | None = None
+    """A state to go to, a number for each component, in the order of `everystate bodies BODY`."""
+    explore: bool = False
+    """Goals that the agent proposes itself; so it is without --skill and --goal too."""
+    out: Path | None = None
+    """NAME.mp4 or NAME.gif for a film, NAME.png for a strip of moments. By default an .mp4 named
+    after the body and what it does, here."""
+    steps: int = 250
+    """Control steps of --goal and --explore; a skill has its own."""
+    plan: bool = True
+    """Act by planning ahead rather than by the policy."""
+    seed: int = 0
+    """Of where it starts, of the body's noise and of planning."""
+    size: tuple[int, int] = (480, 360)
+    """Width and height of a frame, in pixels."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Studio:
+    """Serves a page on this machine where one watches an agent live and sends it about."""
+
+    run: tyro.conf.Positional[Path] = Path("cartpole")
+    """Run folder, also one still training, exported agent, or one that comes with everystate."""
+    port: int = 8080
+    """Port of the page; 0 takes any that is free."""
+    host: str = "127.0.0.1"
+    """Address to serve it on, 0.0.0.0 for all networks; one that other machines can reach asks
+    for a token, which is printed."""
+    seed: int = 0
+    """Of where the body starts, its noise, and what surprises it."""
+
+
+def parse(kind: type, command: str, argv: list[str], default: Any = tyro.MISSING_NONPROP) -> Any:
+    """Options by Tyro, but what is wrong with them in one line, with a suggestion."""
+    known = {f"--{field.name}".replace("_", "-"): field.type for field in dataclasses.fields(kind)}
+    known |= {f"--no-{name[2:]}": bool for name, type_ in known.items() if type_ in (bool, "bool")}
+    for argument in argv:
+        option = argument.partition("=")[0].replace("_", "-")
+        if option.startswith("--") and option not in {*known, "--help"}:
+            raise EverystateError(f"unknown option {option}: {suggest(option, known)}")
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(kind, args=argv, default=default, prog=f"everystate {command}")
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        # Below the title and above the advice, between lines that are drawn.
+        lines = [line.strip(" │") for line in said.getvalue().splitlines()[1:]]
+        below = itertools.dropwhile(_is_drawn, lines)
+        raise EverystateError(
+            " ".join(itertools.takewhile(lambda x: not _is_drawn(x), below))
+        ) from stop
+
+
+def _is_drawn(line: str) -> bool:
+    return not line.strip("─-╭╮╰╯├┤ ")
