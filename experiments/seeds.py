@@ -1,9 +1,9 @@
 """Several seeds of one body: trains and evaluates each on a core of its own and keeps raw results.
 
-Runs go to `runs/experiments/BODY/SETTING-seedN` and resume when the command is given again. What
-figures need of them is copied to `results/BODY/SETTING/seedN`: `config.json`, `metrics.jsonl` and
+Runs go to `runs/experiments/NAME/SETTING-seedN` and resume when the command is given again. What
+figures need of them is copied to `results/NAME/SETTING/seedN`: `config.json`, `metrics.jsonl` and
 `evaluation.json`; what is there already is left as it is. Medians and intervals over seeds are in
-`results/BODY/summary.json`.
+`results/NAME/summary.json`. NAME is the body's, unless an experiment has one of its own.
 """
 
 import argparse
@@ -37,21 +37,21 @@ Column = Callable[[dict[str, Any]], float]
 """A share, read from an evaluation."""
 
 
-def results_of(body: str) -> Path:
-    """Where the raw results of a body are kept."""
-    return HERE / "results" / Path(body).stem
+def results_of(name: str) -> Path:
+    """Where the raw results of a body or an experiment are kept."""
+    return HERE / "results" / Path(name).stem
 
 
-def run_of(body: str, setting: str, seed: int) -> Path:
+def run_of(name: str, setting: str, seed: int) -> Path:
     """The folder of one run."""
-    return HERE / "runs" / "experiments" / Path(body).stem / f"{setting}-seed{seed}"
+    return HERE / "runs" / "experiments" / Path(name).stem / f"{setting}-seed{seed}"
 
 
 def train_and_evaluate(
-    body: str, name: str, setting: Setting, seed: int, core: int, *, skills: bool
+    body: str, where: str, name: str, setting: Setting, seed: int, core: int, *, skills: bool
 ) -> None:
     """One seed, unless its results are there: train (or go on), evaluate, copy what is kept."""
-    folder, kept = run_of(body, name, seed), results_of(body) / name / f"seed{seed}"
+    folder, kept = run_of(where, name, seed), results_of(where) / name / f"seed{seed}"
     if (kept / "evaluation.json").exists():
         return
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -93,11 +93,11 @@ def train_and_evaluate(
     print(f"{name} seed {seed}: in {kept.relative_to(HERE)}", flush=True)
 
 
-def summarise(body: str, settings: Settings) -> dict[str, list[Path]]:
+def summarise(where: str, settings: Settings) -> dict[str, list[Path]]:
     """Writes summary.json; returns the folders of the seeds there are, by setting."""
     from everystate.evaluation.aggregate import over_seeds
 
-    results = results_of(body)
+    results = results_of(where)
     folders = {name: sorted((results / name).glob("seed*")) for name in settings}
     folders = {name: found for name, found in folders.items() if found}
     summaries = {}
@@ -131,6 +131,7 @@ def main(
     *,
     description: str,
     skills: bool = False,
+    name: str | None = None,
 ) -> None:
     """Every setting and seed asked for, one per core at a time; then the summary and figures."""
     parser = argparse.ArgumentParser(description=description)
@@ -138,14 +139,15 @@ def main(
     parser.add_argument("--seeds", nargs="+", type=int, help="instead of all of each setting")
     parser.add_argument("--summary-only", action="store_true")
     options = parser.parse_args()
+    where = name or body
     cores: Queue[int] = Queue()
     for core in sorted(os.sched_getaffinity(0)):
         cores.put(core)
 
-    def job(name: str, seed: int) -> None:
+    def job(setting: str, seed: int) -> None:
         core = cores.get()
         try:
-            train_and_evaluate(body, name, settings[name], seed, core, skills=skills)
+            train_and_evaluate(body, where, setting, settings[setting], seed, core, skills=skills)
         finally:
             cores.put(core)
 
@@ -158,4 +160,4 @@ def main(
             ]
             for future in waiting:
                 future.result()
-    draw(summarise(body, settings))
+    draw(summarise(where, settings))
