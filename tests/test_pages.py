@@ -24,6 +24,7 @@ SHORTER = {
     "render": ["--size", "160", "120"],
     "studio": ["--port", "0"],
     "evaluate": ["--no-plan"],
+    "compare": ["--agents", "random", "--seeds", "1"],
 }
 
 
