@@ -71,8 +71,9 @@ def test_options_of_a_body_are_kept_with_its_agent(tmp_path: Path) -> None:
     agent = everystate.load(run)
     assert agent.config.body_options == options
     found = evaluation.evaluate(run, plan=False)["success"]["all"]["1"]["fraction"]
-    agent.config = dataclasses.replace(agent.config, body_options=())
-    light = evaluation.evaluate(agent, plan=False)["success"]["all"]["1"]["fraction"]
+    plain = dataclasses.replace(agent.config, body_options=())
+    elsewhere = dataclasses.replace(agent, config=plain)
+    light = evaluation.evaluate(elsewhere, plan=False)["success"]["all"]["1"]["fraction"]
     assert found != light, "it was measured on the body that it learned"
 
 

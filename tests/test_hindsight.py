@@ -30,11 +30,11 @@ def test_the_reward_is_what_an_evaluation_asks(goal_env) -> None:
 
 def test_an_episode_ends_in_a_reset_and_a_new_goal(goal_env) -> None:
     first = goal_env.reset()
-    for step in range(goal_env.episode_steps):
-        observation, _, done, infos = goal_env.step(np.zeros((4, 1)))
-        if step + 1 < goal_env.episode_steps:
-            assert not done.any()
-            np.testing.assert_array_equal(observation["desired_goal"], first["desired_goal"])
+    for _ in range(goal_env.episode_steps - 1):
+        observation, _, done, _ = goal_env.step(np.zeros((4, 1)))
+        assert not done.any()
+        np.testing.assert_array_equal(observation["desired_goal"], first["desired_goal"])
+    observation, _, done, infos = goal_env.step(np.zeros((4, 1)))
     assert done.all()
     assert (observation["desired_goal"] != first["desired_goal"]).any(axis=1).all()
     for i, info in enumerate(infos):
