@@ -93,11 +93,8 @@ def _ours(
 
 
 def _peer(name: str, seed: int, terms: Terms) -> tuple[Agent, list[dict[str, Any]]]:
-    import torch
-
     from everystate.peers.hindsight import SETTINGS, HindsightAgent
 
-    torch.set_num_threads(1)
     agent = HindsightAgent(PeerConfig(terms.body, (), seed, name, SETTINGS))
     body = agent.env.body
     box = body.single_observation_space

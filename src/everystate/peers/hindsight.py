@@ -39,7 +39,8 @@ class HindsightAgent:
     """The peer, as an evaluation wants it."""
 
     def __init__(self, config: PeerConfig) -> None:
-        """Untrained."""
+        """Untrained; PyTorch gets one thread, as each run of a comparison has one core."""
+        torch.set_num_threads(1)
         options = envs.parse_options(config.body_options)
         body = envs.make(config.body, NUM_ENVS, config.seed, **options)
         suite = suites.load(config.body, options=config.body_options)
