@@ -25,7 +25,7 @@ from everystate.training.rundir import write_atomically
 
 _LOOKS, _LEAST = 20, 15.0
 """Evaluations during the training of a peer, and the seconds that at least lie between them."""
-_KEPT = ("epoch", "steps", "time/elapsed_s", "coverage/", "eval/", "episode/reached")
+_KEPT = ("epoch", "steps", "time/elapsed_s", "coverage/", "eval/")
 
 
 class Terms(NamedTuple):
