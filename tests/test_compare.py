@@ -121,6 +121,11 @@ def test_our_agent_is_stopped_when_its_time_is_over(tmp_path: Path) -> None:
     assert ours["steps"]["median"] == found["equal_steps"] > 0
     assert ours["at_equal_steps"]["all"]["median"] >= 0
     assert (tmp_path / "out/comparison-minutes.png").exists()
+    # Stopped between training and measuring: its time is over, so it is measured as it is.
+    (tmp_path / "out/ours/seed0/evaluation.json").unlink()
+    again = compare(terms, ["ours"], 1, tmp_path / "out")
+    assert again["agents"]["ours"]["success"] == ours["success"]
+    assert again["equal_steps"] == found["equal_steps"]
 
 
 # --- Other worlds ---

@@ -74,6 +74,12 @@ def _ours(
     """Our agent by its own command, stopped as Ctrl-C does when its time is over."""
     before = read_metrics(run)
     left = 60 * terms.minutes - (before[-1]["time/elapsed_s"] if before else 0)
+    if left > 0:
+        _train(seed, terms, options, run, left)
+    return load(run), read_metrics(run)
+
+
+def _train(seed: int, terms: Terms, options: tuple[str, ...], run: Path, seconds: float) -> None:
     words = ["train", terms.body, "--preset", terms.preset, "--seed", str(seed), "--quiet"]
     words += ["--evaluation-period", "10", "--run-dir", str(run), *options, *terms.options]
     process = subprocess.Popen(
@@ -83,13 +89,15 @@ def _ours(
         text=True,
     )
     try:
-        _, said = process.communicate(timeout=max(left, 0))
+        _, said = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate()
-    if process.returncode not in (0, 130):
+        process.communicate()
+        return  # However it ended: what it has learned is in the run.
+    if process.returncode == 130:
+        raise KeyboardInterrupt
+    if process.returncode:
         raise EverystateError(f"everystate {' '.join(words)} ended with: {said.strip()}")
-    return load(run), read_metrics(run)
 
 
 def _peer(name: str, seed: int, terms: Terms) -> tuple[Agent, list[dict[str, Any]]]:
