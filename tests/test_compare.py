@@ -10,7 +10,7 @@ from everystate import evaluation
 from everystate.cli import main
 from everystate.errors import EverystateError
 from everystate.evaluation import perturbations
-from everystate.peers import CONTESTANTS, Terms, compare
+from everystate.peers import CONTESTANTS, Terms, compare, contestants
 from everystate.peers.agents import PeerConfig, RandomActions
 from everystate.peers.comparison import gather
 from everystate.peers.tables import table
@@ -89,7 +89,7 @@ def test_what_cannot_be_compared_is_told_before_any_run(
     out = tmp_path / "out"
     for arguments, said in (
         ("ramp-pointmass --agents ours sac", "no agent 'sac' to compare"),
-        ("ramp-pointmas", "did you mean 'ramp-pointmass'"),
+        ("ramp-pointmas --agents random", "did you mean 'ramp-pointmass'"),
         ("ramp-pointmass --agents", "no agents to compare"),
         ("ramp-pointmass --agents random --seeds 0", "choose from 1 to 100,000 seeds"),
         ("ramp-pointmass --agents random --minutes nan", "more than 0"),
@@ -102,6 +102,14 @@ def test_what_cannot_be_compared_is_told_before_any_run(
     (tmp_path / "mine").write_text("")
     assert main(["compare", "ramp-pointmass", "--agents", "random", "--out", str(tmp_path)]) == 2
     assert "is not empty and no comparison" in capsys.readouterr().err
+
+
+def test_a_peer_that_is_not_installed_is_told_how_to_have_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(contestants, "find_spec", lambda name: None)
+    with pytest.raises(EverystateError, match="pip install stable-baselines3 sb3-contrib"):
+        compare(TERMS, ["sac-her"], 1, tmp_path / "out")
 
 
 @pytest.mark.parametrize("name", [n for n, c in CONTESTANTS.items() if c.options])
