@@ -3,6 +3,7 @@
   train BODY     let an agent teach itself a body, or go on with a run
   evaluate RUN   measure what it can reach [--json]
   compare BODY   train and measure several agents side by side, ours and others'
+  sweep FILE     train and measure many runs: seeds, settings, or a search [over a cluster]
   report RUN     draw a page of pictures of a run
   render RUN     film an agent performing a skill, going to a goal or exploring
   studio RUN     watch an agent in the browser and send it about
@@ -30,6 +31,7 @@ from everystate.cli.options import (
     Render,
     Report,
     Studio,
+    Sweep,
     Train,
     parse,
 )
@@ -91,6 +93,19 @@ def compare(argv: list[str]) -> None:
     out = options.out or Path("runs") / f"compare-{Path(options.body).stem}"
     result = peers.compare(peers.Terms(*shared), options.agents, options.seeds, out)
     print(peers.table(result))
+    print(f"in {out}")
+
+
+def sweep(argv: list[str]) -> None:
+    """Train and measure many runs."""
+    options = parse(Sweep, "sweep", argv)
+    from everystate import scaling
+
+    plan = scaling.read(options.file)
+    out = options.out or Path("runs") / f"sweep-{options.file.stem}"
+    if not options.table_only:
+        scaling.sweep(plan, out, address=options.ray_address)
+    print(scaling.write(plan, out))
     print(f"in {out}")
 
 
@@ -168,7 +183,8 @@ def skills(argv: list[str]) -> None:
 
 
 COMMANDS = {
-    f.__name__: f for f in (train, evaluate, compare, report, render, studio, demo, bodies, skills)
+    f.__name__: f
+    for f in (train, evaluate, compare, sweep, report, render, studio, demo, bodies, skills)
 }
 
 

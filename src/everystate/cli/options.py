@@ -75,6 +75,20 @@ class Compare:
 
 
 @dataclasses.dataclass(frozen=True)
+class Sweep:
+    """Trains and measures the runs that a TOML file names, each on one core; docs/scaling.md."""
+
+    file: tyro.conf.Positional[Path]
+    """Seeds, bodies and settings, or a search, as everystate/scaling/plan.py explains."""
+    out: Path | None = None
+    """Folder of results, by default runs/sweep-FILE; the same command goes on with it."""
+    ray_address: str | None = None
+    """A Ray cluster to run on, HOST:PORT or auto; by default Ray starts on this machine alone."""
+    table_only: bool = False
+    """Train nothing; write table and figures of what there is."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Report:
     """Evaluates a run and draws a page of pictures of it."""
 

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from everystate.evaluation.markdown import markdown, percent, percent_interval
+
 
 def table(result: Mapping[str, Any]) -> str:
     """A row per agent, and one more for ours with planning: the median over seeds, in per cent.
@@ -28,8 +30,7 @@ def table(result: Mapping[str, Any]) -> str:
         for name, agent in result["agents"].items()
         if agent.get("success_plan")
     ]
-    lines = ["| " + " | ".join(cells) + " |" for cells in [heads, ["---"] * len(heads), *rows]]
-    return "\n".join(lines) + "\n"
+    return markdown(heads, rows)
 
 
 def _row(name: str, agent: Mapping[str, Any], which: str, regions: list[str]) -> list[str]:
@@ -40,20 +41,12 @@ def _row(name: str, agent: Mapping[str, Any], which: str, regions: list[str]) ->
     cells = (agent.get("coverage") or {}).get("cells")
     return [
         name,
-        *(_percent(success[region]["last"]) for region in regions),
-        _percent(every) + _interval(every),
-        _percent(success["all"]["any"]),
-        _percent(agent["position_only"]["all"]["0.5"]["last"]) if policy else "",
-        _percent(equal) if equal else "",
-        _percent(cells) if cells and policy else "",
+        *(percent(success[region]["last"]) for region in regions),
+        percent_interval(every),
+        percent(success["all"]["any"]),
+        percent(agent["position_only"]["all"]["0.5"]["last"]) if policy else "",
+        percent(equal) if equal else "",
+        percent(cells) if cells and policy else "",
         f"{agent['falls_per_1000_steps']['median']:.1f}" if policy else "",
         f"{agent['steps']['median']:,.0f}" if policy else "",
     ]
-
-
-def _percent(one: Mapping[str, Any]) -> str:
-    return f"{100 * one['median']:.0f}"
-
-
-def _interval(one: Mapping[str, Any]) -> str:
-    return "" if one["low"] is None else f" [{100 * one['low']:.0f}, {100 * one['high']:.0f}]"

@@ -4,7 +4,7 @@ import functools
 import itertools
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal
@@ -36,13 +36,22 @@ class Log:
     uninterrupted run, times apart.
     """
 
-    def __init__(self, folder: Path, *, done: int, epochs: int, show: Show) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        done: int,
+        epochs: int,
+        show: Show,
+        on_epoch: Callable[[Mapping[str, int | float]], None] | None = None,
+    ) -> None:
         """`done` of `epochs` epochs lie behind; `show` says what appears on the screen."""
         kept = [line for line in read_metrics(folder) if line["epoch"] <= done]
         text = "".join(json.dumps(line) + "\n" for line in kept)
         write_atomically(folder / "metrics.jsonl", text)
         self.elapsed_before = kept[-1].get("time/elapsed_s", 0.0) if kept else 0.0
         self._epochs, self._done, self._show = epochs, done, show
+        self._on_epoch = on_epoch
         self._file = (folder / "metrics.jsonl").open("a", buffering=1)
         self._folder = folder
         self._bar = Progress(
@@ -77,6 +86,8 @@ class Log:
         every = max(1, self._epochs // _PLAIN_LINES)
         if self._show == "plain" and (epoch % every == 0 or epoch == self._epochs):
             print(f"epoch {epoch}/{self._epochs}: {status}", flush=True)
+        if self._on_epoch:
+            self._on_epoch(metrics)
 
     @functools.cached_property
     def _board(self) -> Any:

@@ -4,7 +4,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -40,6 +40,7 @@ def train(
     preset: str = "quick",
     run_dir: str | Path | None = None,
     progress: bool | Literal["plain"] = True,
+    on_epoch: Callable[[Mapping[str, int | float]], None] | None = None,
     **overrides: Any,
 ) -> Path:
     """Trains an agent, or goes on with a run that was interrupted, and returns the run's folder.
@@ -53,6 +54,7 @@ def train(
         preset: see `everystate.preset`; unused with a `Config`.
         run_dir: the run's folder, by default `runs/BODY-PRESET-seedSEED`.
         progress: a bar on a terminal and plain lines elsewhere; "plain" lines; or False, nothing.
+        on_epoch: is called after each epoch with its metrics, those of metrics.jsonl.
         **overrides: fields of the config to change.
 
     Raises:
@@ -73,7 +75,9 @@ def train(
         done = snapshot.epoch if snapshot else 0
         with (
             _interrupts() as interrupted,
-            Log(folder, done=done, epochs=config.epochs, show=shown(progress)) as log,
+            Log(
+                folder, done=done, epochs=config.epochs, show=shown(progress), on_epoch=on_epoch
+            ) as log,
         ):
             _run(config, env, folder, snapshot, log, interrupted)
     return folder
