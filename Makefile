@@ -1,6 +1,6 @@
 # Everything a developer types. `make` alone explains itself.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test coverage test-slow test-browser peers test-peers check bench docs clean
+.PHONY: help setup demo test coverage test-slow test-browser peers test-peers scale test-scale check bench docs clean
 
 # The first Python 3.11 with its venv module; name another with `make PYTHON=...`.
 PYTHON ?= $(shell for p in python3.11 python3 python; do \
@@ -10,6 +10,7 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 DOCS_STAMP := .venv/.installed-docs
 PEERS_STAMP := .venv/.installed-peers
+SCALE_STAMP := .venv/.installed-scale
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 DEMO_ARGS ?=
@@ -41,7 +42,7 @@ coverage: setup  ## run the fast tests and write which share of src/ they reach
 	@tail -n 1 results/trust/coverage.txt
 
 test-slow: setup  ## run the tests that take more than seconds
-	$(BIN)/python -m pytest -m "slow and not browser and not peers" $(PYTEST_ARGS) $(TESTS)
+	$(BIN)/python -m pytest -m "slow and not browser and not peers and not scale" $(PYTEST_ARGS) $(TESTS)
 
 test-browser: setup  ## run the tests of the studio that need Chromium (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest -m browser $(TESTS)
@@ -54,6 +55,15 @@ $(PEERS_STAMP): requirements-peers.txt $(STAMP)
 
 test-peers: peers  ## run the tests of the agents of Stable-Baselines3
 	$(BIN)/python -m pytest -m peers $(TESTS)
+
+scale: $(SCALE_STAMP)  ## install Ray and Optuna for `everystate sweep` and `train --collectors`
+
+$(SCALE_STAMP): requirements-scale.txt $(STAMP)
+	@$(PIP) -r requirements-scale.txt
+	@touch $@
+
+test-scale: scale  ## run the tests of sweeps and collectors over Ray
+	$(BIN)/python -m pytest -m scale $(TESTS)
 
 check: export PYRIGHT_PYTHON_GLOBAL_NODE = 0
 check: export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1

@@ -25,6 +25,7 @@ def pins(filename: str) -> dict[str, str]:
         ("requirements-dev.txt", PROJECT["optional-dependencies"]["dev"]),
         ("requirements-dev.txt", PROJECT["optional-dependencies"]["bodies"]),
         ("requirements-peers.txt", PROJECT["optional-dependencies"]["peers"]),
+        ("requirements-scale.txt", PROJECT["optional-dependencies"]["scale"]),
     ],
 )
 def test_pins_lie_within_the_declared_ranges(filename: str, requirements: list[str]) -> None:

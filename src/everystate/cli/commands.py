@@ -105,7 +105,7 @@ def sweep(argv: list[str]) -> None:
     out = options.out or Path("runs") / f"sweep-{options.file.stem}"
     if not options.table_only:
         scaling.sweep(plan, out, address=options.ray_address)
-    print(scaling.write(plan, out))
+    print(scaling.write(plan, out), end="")
     print(f"in {out}")
 
 

@@ -1,0 +1,106 @@
+"""Sweeps as a user has them: on Ray, with runs that fail, a driver that is killed, a lost node."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from test_sweep import SEARCH, SETTINGS, SMALL, write
+from waiting import until
+
+pytestmark = pytest.mark.scale
+
+
+def command(path: Path, out: Path, *more: str) -> list[str]:
+    words = ["sweep", str(path), "--out", str(out), *more]
+    return [sys.executable, "-m", "everystate", *words]
+
+
+def sweep(path: Path, out: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(path, out, *more), capture_output=True, text=True)
+
+
+def evaluations(out: Path) -> dict[str, str]:
+    """Of every finished run, what does not depend on the clock."""
+    found = {}
+    for path in sorted(out.glob("*/**/evaluation.json")):
+        result = json.loads(path.read_text())
+        found[str(path.parent.relative_to(out))] = json.dumps([result["success"], result["config"]])
+    return found
+
+
+def test_a_failing_run_is_told_and_the_others_finish(tmp_path: Path) -> None:
+    path, out = write(tmp_path, SMALL + SETTINGS), tmp_path / "out"
+    foreign = out / "no-curriculum/seed1/run/mine.txt"
+    foreign.parent.mkdir(parents=True)
+    foreign.write_text("not a run")
+    failed = sweep(path, out)
+    assert failed.returncode == 2
+    assert "1 of 4 runs failed; the same command tries them again" in failed.stderr
+    assert "is not empty and is no run" in failed.stderr
+    assert len(evaluations(out)) == 3
+    foreign.unlink()
+    done = sweep(path, out)
+    assert done.returncode == 0, done.stderr
+    assert "| no-curriculum | 2 |" in done.stdout
+    assert len(evaluations(out)) == 4
+    assert not (out / ".ray").exists()
+
+
+def test_a_killed_sweep_goes_on_to_the_same_results(tmp_path: Path) -> None:
+    text = SMALL.replace("epochs = 2", "epochs = 12").replace("seeds = 2", "seeds = 1")
+    path = write(tmp_path, text)
+    killed = subprocess.Popen(command(path, tmp_path / "killed"), stdout=subprocess.DEVNULL)
+    run = tmp_path / "killed/all/seed0/run/checkpoints"
+    until(lambda: any(run.glob("[0-9]*")), 300)
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    assert not evaluations(tmp_path / "killed")
+    for out in (tmp_path / "killed", tmp_path / "whole"):
+        done = sweep(path, out)
+        assert done.returncode == 0, done.stderr
+    assert evaluations(tmp_path / "killed") == evaluations(tmp_path / "whole")
+
+
+def test_a_search_is_as_long_as_it_is_told(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for trials in (1, 2):
+        done = sweep(write(tmp_path, SEARCH.replace("trials = 3", f"trials = {trials}")), out)
+        assert done.returncode == 0, done.stderr
+        assert len(evaluations(out)) == trials
+    assert done.stdout.count("| trial-") == 2
+
+
+def test_a_cluster_that_is_not_there_is_told(tmp_path: Path) -> None:
+    failed = sweep(write(tmp_path, SMALL), tmp_path / "out", "--ray-address", "127.0.0.1:1")
+    assert failed.returncode == 2
+    assert "no Ray cluster answers at 127.0.0.1:1" in failed.stderr
+
+
+@pytest.fixture
+def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    from ray.cluster_utils import Cluster
+
+    monkeypatch.setenv("RAY_worker_niceness", "0")
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
+    yield made
+    made.shutdown()
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+def test_runs_of_a_lost_node_go_on_on_another(tmp_path: Path, cluster: Any) -> None:
+    text = SMALL.replace("epochs = 2", "epochs = 12").replace("seeds = 2", "seeds = 1")
+    path, out = write(tmp_path, text), tmp_path / "out"
+    lost = cluster.add_node(num_cpus=1)
+    driver = subprocess.Popen(command(path, out, "--ray-address", cluster.address))
+    run = out / "all/seed0/run/checkpoints"
+    until(lambda: any(run.glob("[0-9]*")), 300)
+    cluster.add_node(num_cpus=1)
+    cluster.remove_node(lost, allow_graceful=False)
+    assert driver.wait() == 0
+    assert len(evaluations(out)) == 1
