@@ -8,11 +8,12 @@ from pathlib import Path
 
 import seeds
 
+from everystate.scaling import Evaluation
 from everystate.skills import SKILLS
 from everystate.viewing.figures import skill_rates
 
 # The search takes 27 ms an action: 50 of the suite's goals, and 20 starts of every skill.
-SETTINGS = {"quick": seeds.Setting("", seeds=3, evaluation="--episodes 50")}
+SETTINGS = {"quick": seeds.Setting({}, 3, Evaluation(episodes=50, skills=True))}
 
 
 def column(name: str) -> seeds.Column:
@@ -33,4 +34,4 @@ def draw(folders: dict[str, list[Path]]) -> None:
 
 if __name__ == "__main__":
     description = str(__doc__).splitlines()[0]
-    seeds.main("ant", SETTINGS, draw, description=description, skills=True)
+    seeds.main("ant", SETTINGS, draw, description=description)

@@ -8,28 +8,39 @@ moves.
 """
 
 from pathlib import Path
+from typing import Any
 
 import seeds
 
+from everystate.scaling import Evaluation
 from everystate.viewing.figures import comparison
 
 BODY = "experiments/arm.xml"
 
 
-def setting(change: str = "") -> seeds.Setting:
+def setting(**change: Any) -> seeds.Setting:
     """Preset `quick`, shorter, with one thing changed."""
-    goals = "--goals experiments/arm_goals.json"
-    return seeds.Setting(f"--epochs 40 {change}", seeds=3, evaluation=goals)
+    goals = Evaluation(goals_file="experiments/arm_goals.json")
+    return seeds.Setting({"epochs": 40, **change}, 3, goals)
 
 
 SETTINGS = {
     "quick": setting(),
-    "any-visited-goals": setting("--m 1"),
-    "imagined-goals": setting("--goals imagined"),
+    "any-visited-goals": setting(m=1),
+    "imagined-goals": setting(goals="imagined"),
     # What `quick` has on the ramp instead.
     "as-the-ramp": setting(
-        "--goals imagined --weight-clip 8 --reward-space latent --discount 1 --absorb 1"
-        " --goal-value-weight 1 --no-relative-goals --approach-share 0 --p-curric 0.2 --j 1 --N 8"
+        goals="imagined",
+        weight_clip=8.0,
+        reward_space="latent",
+        discount=1.0,
+        absorb=1.0,
+        goal_value_weight=1.0,
+        relative_goals=False,
+        approach_share=0.0,
+        p_curric=0.2,
+        j=1,
+        N=8,
     ),
 }
 

@@ -8,32 +8,34 @@
 
 from pathlib import Path
 from statistics import mean
+from typing import Any
 
 import seeds
 
+from everystate.scaling import Evaluation
 from everystate.viewing.figures import comparison, skill_rates
 
 _WAYS = ("left", "right")
 _PLACES = ("left", "middle", "right")
 
 
-def short(change: str = "") -> seeds.Setting:
+def short(**change: Any) -> seeds.Setting:
     """One thing changed, for 80 epochs, as skills come early; a fifth of the suite's goals."""
-    return seeds.Setting(f"--epochs 80 {change}", seeds=3, evaluation="--episodes 40")
+    return seeds.Setting({"epochs": 80, **change}, 3, Evaluation(episodes=40, skills=True))
 
 
 SETTINGS = {
-    "quick": seeds.Setting("", seeds=5),
+    "quick": seeds.Setting({}, 5, Evaluation(skills=True)),
     "short": short(),
-    "undiscounted": short("--discount 1"),  # D18
-    "always-absorbed": short("--absorb 1"),  # D10
-    "no-approaches": short("--approach-share 0"),  # D19
-    "absolute-goals": short("--no-relative-goals"),  # D20
-    "wide-weights": short("--weight-clip 8"),  # D1
-    "latent-reward": short("--reward-space latent"),  # D9
-    "imagined-goals": short("--goals imagined --m 20"),  # D17
-    "rarest-goals": short("--m 20"),  # D17
-    "no-hindsight": short("--no-hindsight"),
+    "undiscounted": short(discount=1.0),  # D18
+    "always-absorbed": short(absorb=1.0),  # D10
+    "no-approaches": short(approach_share=0.0),  # D19
+    "absolute-goals": short(relative_goals=False),  # D20
+    "wide-weights": short(weight_clip=8.0),  # D1
+    "latent-reward": short(reward_space="latent"),  # D9
+    "imagined-goals": short(goals="imagined", m=20),  # D17
+    "rarest-goals": short(m=20),  # D17
+    "no-hindsight": short(hindsight=False),
 }
 
 
@@ -58,4 +60,4 @@ def draw(folders: dict[str, list[Path]]) -> None:
 
 if __name__ == "__main__":
     description = str(__doc__).splitlines()[0]
-    seeds.main("cartpole", SETTINGS, draw, description=description, skills=True)
+    seeds.main("cartpole", SETTINGS, draw, description=description)

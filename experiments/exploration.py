@@ -17,17 +17,17 @@ from matplotlib.figure import Figure
 
 from everystate.envs.ramp_pointmass import LEDGE_SOUTH, RAMP_FOOT, RAMP_WEST, region
 from everystate.evaluation.aggregate import summary
+from everystate.scaling import Evaluation
 from everystate.training.collection import read_samples
 from everystate.training.logging import read_metrics
 from everystate.viewing.plots import COLOURS, WIDTH, styled
 
 NAME = "exploration"
-_SHORT = "--epochs 40 --checkpoint-period 1"  # samples are kept with every checkpoint
+_SHORT = {"epochs": 40, "checkpoint_period": 1}  # samples are kept with every checkpoint
+_EVALUATION = Evaluation(plan=False, episodes=40)
 SETTINGS = {
-    "least-likely": seeds.Setting(_SHORT, seeds=5, evaluation="--no-plan --episodes 40"),
-    "state-distribution": seeds.Setting(
-        f"{_SHORT} --m 1", seeds=5, evaluation="--no-plan --episodes 40"
-    ),
+    "least-likely": seeds.Setting(_SHORT, 5, _EVALUATION),
+    "state-distribution": seeds.Setting({**_SHORT, "m": 1}, 5, _EVALUATION),
 }
 Curve = dict[str, list[float]]
 
@@ -60,9 +60,9 @@ def first_on_the_ledge(curve: Curve) -> float:
 
 def draw(folders: dict[str, list[Path]]) -> None:
     """Reads what the runs on this machine have to say, then draws from the results alone."""
-    for setting, found in folders.items():
+    for found in folders.values():
         for folder in found:
-            run = seeds.run_of(NAME, setting, int(folder.name.removeprefix("seed")))
+            run = folder / "run"
             if not (folder / "furthest.json").exists() and run.exists():
                 (folder / "furthest.json").write_text(json.dumps(furthest(run)) + "\n")
     curves: dict[str, list[Curve]] = {

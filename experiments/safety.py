@@ -26,16 +26,23 @@ from everystate.envs.ramp_pointmass import LEDGE_SOUTH, RAMP_FOOT, RAMP_WEST, re
 from everystate.evaluation import rollout
 from everystate.evaluation.aggregate import summary
 from everystate.learning.flows import decode
+from everystate.scaling import Evaluation
 from everystate.viewing.plots import COLOURS, WIDTH, styled
 
 NAME = "safety"
-_SHORT = "--epochs 100"
-_EVALUATION = "--no-plan --episodes 40"
+_EVALUATION = Evaluation(plan=False, episodes=40)
+
+
+def setting(**change: Any) -> seeds.Setting:
+    """As many epochs as the paper's, with one thing changed."""
+    return seeds.Setting({"epochs": 100, **change}, 3, _EVALUATION)
+
+
 SETTINGS = {
-    "pessimal": seeds.Setting(_SHORT, seeds=3, evaluation=_EVALUATION),
-    "mean": seeds.Setting(f"{_SHORT} --pessimism mean", seeds=3, evaluation=_EVALUATION),
-    "25th percentile": seeds.Setting(f"{_SHORT} --percentile 25", 3, _EVALUATION),
-    "sensor noise": seeds.Setting(f"{_SHORT} --sensor-noise 0.1", 3, _EVALUATION),
+    "pessimal": setting(),
+    "mean": setting(pessimism="mean"),
+    "25th percentile": setting(percentile=25.0),
+    "sensor noise": setting(sensor_noise=0.1),
 }
 CLIMBS, STEPS, SAMPLES = 200, 60, 200
 LEDGE = 0.85  # y of all goals: straight ahead, so that neither left nor right leads to them
@@ -87,7 +94,7 @@ def draw(folders: dict[str, list[Path]]) -> None:
     found: dict[str, list[dict[str, Measures]]] = {}
     for setting, runs in folders.items():
         for folder in runs:
-            run = seeds.run_of(NAME, setting, int(folder.name.removeprefix("seed")))
+            run = folder / "run"
             file = folder / "climbs.json"
             if not file.exists() and run.exists():
                 kept = sorted(run.glob("checkpoints/[0-9]*"))

@@ -1,35 +1,36 @@
-"""Several seeds of one body: trains and evaluates each on a core of its own and keeps raw results.
+"""Several settings and seeds of one body: trained and measured on Ray, their raw results kept.
 
-Runs go to `runs/experiments/NAME/SETTING-seedN` and resume when the command is given again. What
-figures need of them is copied to `results/NAME/SETTING/seedN`: `config.json`, `metrics.jsonl` and
-`evaluation.json`; what is there already is left as it is. Medians and intervals over seeds are in
+Wants `make scale`. `results/NAME/SETTING/seedN` gets what everystate/scaling/trial.py says; a run
+that was stopped goes on when the command is given again, and what is finished is left as it is,
+also where its config would be another today. Medians and intervals over seeds are in
 `results/NAME/summary.json`. NAME is the body's, unless an experiment has one of its own.
 """
 
 import argparse
 import json
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import Queue
 from statistics import median
 from typing import Any, NamedTuple
 
-HERE = Path(__file__).resolve().parent.parent
+from everystate import scaling
+from everystate.evaluation.aggregate import over_seeds
+from everystate.presets import preset
+from everystate.scaling import Evaluation, Trial
+
+RESULTS = Path(__file__).resolve().parent.parent / "results"
+PERIOD = 20
+"""Epochs between evaluations during training."""
 
 
 class Setting(NamedTuple):
     """What is trained, how often, and how it is measured."""
 
-    options: str
-    """Of `everystate train`."""
+    options: Mapping[str, Any]
+    """Fields of the config."""
     seeds: int
-    evaluation: str = ""
-    """Options of `everystate evaluate`."""
+    evaluation: Evaluation = Evaluation()
+    preset: str = "quick"
 
 
 Settings = Mapping[str, Setting]
@@ -39,75 +40,32 @@ Column = Callable[[dict[str, Any]], float]
 
 def results_of(name: str) -> Path:
     """Where the raw results of a body or an experiment are kept."""
-    return HERE / "results" / Path(name).stem
+    return RESULTS / Path(name).stem
 
 
-def run_of(name: str, setting: str, seed: int) -> Path:
-    """The folder of one run."""
-    return HERE / "runs" / "experiments" / Path(name).stem / f"{setting}-seed{seed}"
-
-
-def train_and_evaluate(
-    body: str, where: str, name: str, setting: Setting, seed: int, core: int, *, skills: bool
-) -> None:
-    """One seed, unless its results are there: train (or go on), evaluate, copy what is kept."""
-    folder, kept = run_of(where, name, seed), results_of(where) / name / f"seed{seed}"
-    if (kept / "evaluation.json").exists():
-        return
-    folder.parent.mkdir(parents=True, exist_ok=True)
-
-    def call(*words: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-m", "everystate", *words],
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=HERE,
-            preexec_fn=lambda: os.sched_setaffinity(0, {core}),
-        )
-        if done.returncode == 130:  # Ctrl-C: the run is saved, and goes on when asked to again
-            raise KeyboardInterrupt
-        if done.returncode:
-            print(f"{name} seed {seed}: `{' '.join(words)}` ended with {done.returncode}")
-        return done.stdout
-
-    run = str(folder.relative_to(HERE))
-    period = ["--evaluation-period", "20"]
-    call(
-        "train",
-        body,
-        *setting.options.split(),
-        "--seed",
-        str(seed),
-        *period,
-        "--quiet",
-        "--run-dir",
-        run,
-    )
-    how = [*setting.evaluation.split(), *["--skills"] * skills]
-    result = call("evaluate", run, "--json", *how).splitlines()
-    kept.mkdir(parents=True, exist_ok=True)
-    if result:
-        (kept / "evaluation.json").write_text(json.dumps(json.loads(result[-1]), indent=1) + "\n")
-    for file in ("config.json", "metrics.jsonl"):
-        shutil.copy(folder / file, kept / file)
-    print(f"{name} seed {seed}: in {kept.relative_to(HERE)}", flush=True)
+def trial(body: str, name: str, setting: Setting, seed: int) -> Trial:
+    """One run of a setting."""
+    options = {"evaluation_period": PERIOD, **setting.options}
+    config = preset(setting.preset, body, seed=seed, **options)
+    return Trial(f"{name}/seed{seed}", config, setting.evaluation)
 
 
 def summarise(where: str, settings: Settings) -> dict[str, list[Path]]:
-    """Writes summary.json; returns the folders of the seeds there are, by setting."""
-    from everystate.evaluation.aggregate import over_seeds
-
+    """Writes summary.json; returns the folders of the finished runs there are, by setting."""
     results = results_of(where)
-    folders = {name: sorted((results / name).glob("seed*")) for name in settings}
+    folders = {
+        name: [run.parent for run in sorted((results / name).glob("seed*/evaluation.json"))]
+        for name in settings
+    }
     folders = {name: found for name, found in folders.items() if found}
-    summaries = {}
-    for name, found in folders.items():
-        files = [folder / "evaluation.json" for folder in found]
-        read = [json.loads(file.read_text()) for file in files if file.exists()]
-        if read:
-            summaries[name] = over_seeds(read)
+    summaries = {name: over_seeds(evaluations(found)) for name, found in folders.items()}
     (results / "summary.json").write_text(json.dumps(summaries, indent=1) + "\n")
     return folders
+
+
+def evaluations(folders: Sequence[Path]) -> list[dict[str, Any]]:
+    """What was measured of these runs."""
+    return [json.loads((folder / "evaluation.json").read_text()) for folder in folders]
 
 
 def write_table(
@@ -116,10 +74,9 @@ def write_table(
     """settings.md: a row per setting, in per cent the median over its seeds and each of them."""
     lines = ["| setting | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
     for name, found in folders.items():
-        files = [folder / "evaluation.json" for folder in found]
-        read = [json.loads(file.read_text()) for file in files if file.exists()]
+        read = evaluations(found)
         values = [[round(100 * column(one)) for one in read] for column in columns.values()]
-        cells = [f"{median(row):.0f} ({' '.join(map(str, row))})" for row in values if row]
+        cells = [f"{median(row):.0f} ({' '.join(map(str, row))})" for row in values]
         lines.append(" | ".join([f"| {name}", *cells]) + " |")
     (results_of(body) / "settings.md").write_text("\n".join(lines) + "\n")
 
@@ -130,7 +87,6 @@ def main(
     draw: Callable[[dict[str, list[Path]]], None],
     *,
     description: str,
-    skills: bool = False,
     name: str | None = None,
 ) -> None:
     """Every setting and seed asked for, one per core at a time; then the summary and figures."""
@@ -140,24 +96,11 @@ def main(
     parser.add_argument("--summary-only", action="store_true")
     options = parser.parse_args()
     where = name or body
-    cores: Queue[int] = Queue()
-    for core in sorted(os.sched_getaffinity(0)):
-        cores.put(core)
-
-    def job(setting: str, seed: int) -> None:
-        core = cores.get()
-        try:
-            train_and_evaluate(body, where, setting, settings[setting], seed, core, skills=skills)
-        finally:
-            cores.put(core)
-
     if not options.summary_only:
-        with ThreadPoolExecutor(cores.qsize()) as pool:
-            waiting = [
-                pool.submit(job, name, seed)
-                for name in options.settings
-                for seed in options.seeds or range(settings[name].seeds)
-            ]
-            for future in waiting:
-                future.result()
+        wanted = [
+            trial(body, name, settings[name], seed)
+            for name in options.settings
+            for seed in options.seeds or range(settings[name].seeds)
+        ]
+        scaling.run_all(wanted, results_of(where))
     draw(summarise(where, settings))

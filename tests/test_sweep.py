@@ -77,7 +77,7 @@ def test_runs_are_seed_by_seed_with_their_own_options(tmp_path: Path) -> None:
     ]
     assert [(one.config.seed, one.config.p_curric) for one in found[1:3]] == [(0, 0.0), (1, 0.2)]
     assert {(one.config.epochs, one.config.evaluation_period) for one in found} == {(2, 1)}
-    assert found[0].evaluation == (False, 10, False)
+    assert found[0].evaluation == (False, None, 10, False)
 
 
 def test_several_bodies_have_their_names_in_front(tmp_path: Path) -> None:
@@ -188,14 +188,14 @@ def test_a_search_goes_on_with_what_it_found(tmp_path: Path) -> None:
             keep(trial, tmp_path, evaluated(0, rate))
         (tmp_path / trial.name).mkdir(exist_ok=True)
         (tmp_path / trial.name / "values.json").write_text(json.dumps(values))
-    begun, scored = tuning._points(plan, plan.search, tmp_path)
+    begun, scored = tuning.points(plan, plan.search, tmp_path)
     assert [values["learning_rate"] for values in begun] == [3e-3]
     assert {score for _, score in scored} == {1.0}
     assert scaling.write(plan, tmp_path).count("| trial-") == 2
     other = read(write(tmp_path, SEARCH.replace("N = {low", "j = {low")))
     assert other.search is not None
     with pytest.raises(EverystateError, match="another search"):
-        tuning._points(other, other.search, tmp_path)
+        tuning.points(other, other.search, tmp_path)
 
 
 def test_that_ray_is_not_installed_is_told(

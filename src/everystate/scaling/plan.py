@@ -47,6 +47,7 @@ class Evaluation(NamedTuple):
     """How every agent is measured in the end; see `everystate.evaluation.evaluate`."""
 
     plan: bool = True
+    goals_file: str | None = None
     episodes: int | None = None
     skills: bool = False
 

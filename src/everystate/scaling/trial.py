@@ -12,10 +12,12 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from everystate import evaluation, training
 from everystate.agent import config_to_json
 from everystate.agent.files import read_json
+from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.scaling.plan import Trial
 from everystate.training.rundir import write_atomically
@@ -36,15 +38,19 @@ def require_same(trial: Trial, out: Path) -> None:
         return
     except (OSError, ValueError, KeyError) as error:
         raise EverystateError(f"{out / trial.name} is damaged ({error}): move it away") from error
-    wanted = json.loads(json.dumps(config_to_json(trial.config)))
-    differing = [
-        f"{n} {found.get(n)} there, {x} here" for n, x in wanted.items() if found.get(n) != x
-    ]
+    wanted, unsaid = (_written(config) for config in (trial.config, Config()))
+    there = {name: found.get(name, unsaid[name]) for name in wanted}  # older ones lack newer fields
+    differing = [f"{n} {there[n]} there, {x} here" for n, x in wanted.items() if there[n] != x]
     if differing:
         raise EverystateError(
             f"{out / trial.name} has another config ({'; '.join(differing)}): choose another --out,"
             " or name the setting otherwise"
         )
+
+
+def _written(config: Config) -> dict[str, Any]:
+    """As a file has it, where tuples are lists."""
+    return json.loads(json.dumps(config_to_json(config)))
 
 
 def run(trial: Trial, out: Path, report: Report = lambda metrics: None) -> None:

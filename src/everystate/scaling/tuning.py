@@ -1,11 +1,11 @@
-"""Sweeps on Ray Tune: as many runs at a time as there are cores, here or in a cluster."""
+"""Many runs on Ray Tune: as many at a time as there are cores, here or in a cluster."""
 
 import contextlib
 import json
 import logging
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from everystate.agent.files import read_json
 from everystate.errors import EverystateError
 from everystate.scaling import trial as one
 from everystate.scaling.plan import Range, Search, Sweep, Trial
+from everystate.training.rundir import write_atomically
 
 _FAILURES = 2
 """How often a run that failed is tried again; it goes on from its last checkpoint."""
@@ -40,123 +41,120 @@ def sweep(plan: Sweep, out: Path, *, address: str | None = None) -> None:
         EverystateError: Ray is not installed or not reached, the folder has runs of other configs
             by the same names, or runs failed even when tried again; the others are finished.
     """
-    if not find_spec("ray") or not find_spec("optuna"):
-        raise EverystateError(
-            "sweeps want Ray and Optuna: pip install 'ray[tune]' optuna, which are everystate's"
-            " extra `scale`"
-        )
-    out = out.resolve()
-    out.mkdir(parents=True, exist_ok=True)
     if plan.search:
-        left = plan.search.trials - len(_points(plan, plan.search, out)[1])
-    else:
-        trials = plan.trials()
-        for trial in trials:
-            one.require_same(trial, out)
-        trials = [trial for trial in trials if not one.finished(out / trial.name)]
-        left = len(trials)
-    if left <= 0:
-        return
-    with _ray(address):
-        problems, ended = _searched(plan, plan.search, out) if plan.search else _all(trials, out)
-    if ended < left:
-        raise KeyboardInterrupt  # which Tune answers by ending early
-    if problems:
-        raise EverystateError(
-            f"{len(problems)} of {left} runs failed; the same command tries them again. The first:"
-            f" {problems[0]}"
-        )
+        return _search(plan, plan.search, out.resolve(), address)
+    for trial in plan.trials():
+        one.require_same(trial, out)
+    run_all(plan.trials(), out, address=address)
 
 
-def _all(trials: list[Trial], out: Path) -> tuple[list[str], int]:
-    """Runs them all; returns what `_tuned` does."""
-    from ray import tune
-
-    named = {trial.name: trial for trial in trials}
+def run_all(trials: Sequence[Trial], out: Path, *, address: str | None = None) -> None:
+    """The same for runs that one has listed; finished ones are left, whatever their config was."""
+    out = out.resolve()
+    named = {trial.name: trial for trial in trials if not one.finished(out / trial.name)}
 
     def work(given: Mapping[str, Any]) -> None:
+        from ray import tune
+
         one.run(named[given["name"]], out, lambda metrics: tune.report(_shown(metrics)))
 
-    return _tuned(
-        work,
-        len(trials),
-        out,
-        param_space={"name": tune.grid_search(list(named))},
-        name=lambda trial: trial.config["name"].replace("/", "-"),
-    )
+    if not named:
+        return
+    with _ray(address):
+        from ray import tune
+
+        _tuned(
+            work,
+            out,
+            param_space={"name": tune.grid_search(list(named))},
+            num_samples=1,
+            count=len(named),
+            trial_name_creator=lambda trial: trial.config["name"].replace("/", "-"),
+        )
 
 
-def _searched(plan: Sweep, search: Search, out: Path) -> tuple[list[str], int]:
-    """Runs what Optuna proposes, which knows of all that was found before; returns the same."""
-    from ray import tune
-    from ray.tune.search.optuna import OptunaSearch
+def _search(plan: Sweep, search: Search, out: Path, address: str | None) -> None:
+    """Runs what Optuna proposes, which knows of all that was found before."""
 
     def work(values: Mapping[str, Any]) -> None:
+        from ray import tune
+
         trial = plan.found(values)
-        (out / trial.name).mkdir(exist_ok=True)
-        (out / trial.name / "values.json").write_text(json.dumps(dict(values)) + "\n")
+        (out / trial.name).mkdir(parents=True, exist_ok=True)
+        write_atomically(out / trial.name / "values.json", json.dumps(dict(values)) + "\n")
         # Optuna wants a score in every report.
         one.run(trial, out, lambda m: tune.report({**_shown(m), "score": float("nan")}))
         result = read_json(out / trial.name / "evaluation.json")
         tune.report({"epoch": trial.config.epochs, "score": search.score(result)})
 
-    begun, scored = _points(plan, search, out)
-    proposals = OptunaSearch(
-        space={name: _distribution(wanted) for name, wanted in search.space.items()},
-        metric="score",
-        mode="max",
-        points_to_evaluate=begun or None,
-        seed=plan.seeds[0] + len(scored),  # else the first proposals would be made again
-    )
-    for values, score in scored:
-        proposals.add_evaluated_point(values, score)
+    begun, scored = points(plan, search, out)
     left = search.trials - len(scored)
-    return _tuned(
-        work,
-        left,
-        out,
-        tune_config={"search_alg": proposals, "num_samples": left},
-        name=lambda trial: plan.found(trial.config).name,
-    )
+    if left <= 0:
+        return
+    with _ray(address):
+        from ray.tune.search.optuna import OptunaSearch
+
+        proposals = OptunaSearch(
+            space={name: _distribution(wanted) for name, wanted in search.space.items()},
+            metric="score",
+            mode="max",
+            points_to_evaluate=begun or None,
+            seed=plan.seeds[0] + len(scored),  # else the first proposals would be made again
+        )
+        for values, score in scored:
+            proposals.add_evaluated_point(values, score)
+        _tuned(
+            work,
+            out,
+            search_alg=proposals,
+            num_samples=left,
+            count=left,
+            trial_name_creator=lambda trial: plan.found(trial.config).name,
+        )
 
 
-def _points(
+def points(
     plan: Sweep, search: Search, out: Path
 ) -> tuple[list[dict[str, Any]], list[tuple[dict[str, Any], float]]]:
-    """Values in the folder of runs that only begun, and of finished ones with their scores."""
+    """Of a search's folder the values of runs that only begun, and of finished ones with scores.
+
+    Raises:
+        EverystateError: it has runs of another search.
+    """
     begun, scored = [], []
     for path in sorted(out.glob("trial-*/values.json")):
-        with contextlib.suppress(OSError, ValueError):  # was killed while it was written
-            values = read_json(path)
-            if path.parent.name != plan.found(values).name or values.keys() != search.space.keys():
-                raise EverystateError(f"{out} has runs of another search: choose another --out")
-            one.require_same(plan.found(values), out)
-            if one.finished(path.parent):
-                score = search.score(read_json(path.parent / "evaluation.json"))
-                scored.append((values, score))
-            else:
-                begun.append(values)
+        values = read_json(path)
+        if path.parent.name != plan.found(values).name or values.keys() != search.space.keys():
+            raise EverystateError(f"{out} has runs of another search: choose another --out")
+        one.require_same(plan.found(values), out)
+        if one.finished(path.parent):
+            scored.append((values, search.score(read_json(path.parent / "evaluation.json"))))
+        else:
+            begun.append(values)
     return begun, scored
 
 
 def _tuned(
     work: Callable[[Any], None],
-    count: int,
     out: Path,
     *,
-    name: Callable[[Any], str],
+    count: int,
     param_space: dict[str, Any] | None = None,
-    tune_config: Mapping[str, Any] | None = None,
-) -> tuple[list[str], int]:
-    """Lets Tune call `work`, on a core each time: why those failed that did, and how many ended."""
+    trial_name_creator: Callable[[Any], str],
+    **tune_config: Any,
+) -> None:
+    """Lets Tune call `work` `count` times, on a core each."""
     from ray import tune
 
-    config = {"trial_name_creator": name, "trial_dirname_creator": name, **(tune_config or {})}
+    names = {
+        "trial_name_creator": trial_name_creator,
+        "trial_dirname_creator": trial_name_creator,
+    }
     kept = out / ".ray"  # Of Tune's own; that one goes on is for our files to say.
     results = tune.Tuner(
         tune.with_resources(work, {"cpu": 1}),
         param_space=param_space,
-        tune_config=tune.TuneConfig(**config),
+        tune_config=tune.TuneConfig(**names, **tune_config),
         run_config=tune.RunConfig(
             storage_path=str(kept),
             failure_config=tune.FailureConfig(max_failures=_FAILURES),
@@ -171,7 +169,14 @@ def _tuned(
     ).fit()
     shutil.rmtree(kept, ignore_errors=True)
     problems = [str(result.error).strip().splitlines()[-1] for result in results if result.error]
-    return problems, len(problems) + sum(bool((r.metrics or {}).get("done")) for r in results)
+    ended = sum(bool((result.metrics or {}).get("done")) for result in results)
+    if ended + len(problems) < count:
+        raise KeyboardInterrupt  # which Tune answers by ending early
+    if problems:
+        raise EverystateError(
+            f"{len(problems)} of {count} runs failed; the same command tries them again. The first:"
+            f" {problems[0]}"
+        )
 
 
 def _distribution(wanted: Range | tuple[Any, ...]) -> Any:
@@ -180,8 +185,8 @@ def _distribution(wanted: Range | tuple[Any, ...]) -> Any:
     if not isinstance(wanted, Range):
         return distributions.CategoricalDistribution(wanted)
     whole = isinstance(wanted.low, int) and isinstance(wanted.high, int)
-    kind = distributions.IntDistribution if whole else distributions.FloatDistribution
-    return kind(wanted.low, wanted.high, log=wanted.log)  # type: ignore[arg-type]
+    kind: Any = distributions.IntDistribution if whole else distributions.FloatDistribution
+    return kind(wanted.low, wanted.high, log=wanted.log)
 
 
 def _shown(metrics: Mapping[str, Any]) -> dict[str, Any]:
@@ -191,6 +196,11 @@ def _shown(metrics: Mapping[str, Any]) -> dict[str, Any]:
 @contextlib.contextmanager
 def _ray(address: str | None) -> Iterator[None]:
     """Ray, connected and told to be quiet and to leave the working directory alone."""
+    if not find_spec("ray") or not find_spec("optuna"):
+        raise EverystateError(
+            "sweeps want Ray and Optuna: pip install 'ray[tune]' optuna, which are everystate's"
+            " extra `scale`"
+        )
     os.environ |= {
         "RAY_CHDIR_TO_TRIAL_DIR": "0",
         "RAY_AIR_NEW_OUTPUT": "0",
@@ -199,11 +209,10 @@ def _ray(address: str | None) -> Iterator[None]:
     }
     import ray
 
-    local: dict[str, Any] = {"include_dashboard": False}
-    if address is None:
-        local["num_cpus"] = len(os.sched_getaffinity(0))
+    own: dict[str, Any] = {"include_dashboard": False, "num_cpus": len(os.sched_getaffinity(0))}
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     try:
-        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **local)
+        ray.init(address or "local", **quiet, **({} if address else own))
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise EverystateError(
             f"no Ray cluster answers at {address} ({error}): start one by `ray start --head`, or"
