@@ -18,8 +18,8 @@ from everystate.errors import EverystateError
 from everystate.scaling.station import Station, versions
 from everystate.training.groups import Collector, Crew, LostError
 
-START_S = 120.0
-"""Seconds in which at least one more collector must have come up."""
+START_S = 300.0
+"""Seconds in which at least one more collector must have come up; a busy node takes minutes."""
 _PROBE_S = 2.0
 
 
@@ -96,6 +96,12 @@ class RayCrew(Crew):
     def __init__(self, collectors: int) -> None:
         import ray
 
+        cpus = ray.cluster_resources().get("CPU", 0)
+        if cpus < collectors:
+            raise EverystateError(
+                f"{collectors} collectors take a CPU each, and the cluster has {cpus:g}: start more"
+                " nodes, or choose fewer --collectors"
+            )
         self._collectors = collectors
         self._head = ray.get_runtime_context().gcs_address
         # One that dies is replaced by ours: only `Groups` knows where its bodies stood.
@@ -133,9 +139,9 @@ class RayCrew(Crew):
                 since = time.monotonic()
             elif time.monotonic() - since > START_S:
                 raise EverystateError(
-                    f"collector {still[0].number} has found no place for {START_S:g} s: each of the"
-                    f" {self._collectors} takes a CPU of the cluster; start more nodes, or choose"
-                    " fewer --collectors in another --run-dir"
+                    f"collector {still[0].number} has not come up in {START_S:g} s: each of the"
+                    f" {self._collectors} takes a CPU of the cluster; start more nodes, and the"
+                    " same command goes on"
                 )
             waiting = still
 

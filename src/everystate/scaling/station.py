@@ -6,12 +6,12 @@ from typing import Any
 
 from everystate.config import Config
 
-_PACKAGES = ("everystate", "jax", "jaxlib", "numpy", "mujoco")
+_PACKAGES = ("everystate", "ray", "jax", "jaxlib", "numpy", "mujoco")
 
 
 def versions() -> dict[str, str]:
     """Those on which it depends what bodies do."""
-    found = {"python": platform.python_version()}
+    found = {"python": ".".join(platform.python_version_tuple()[:2])}
     for name in _PACKAGES:
         try:
             found[name] = version(name)
