@@ -14,6 +14,7 @@ import math
 import resource
 import statistics
 import time
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ class Subject:
         # An epoch of control steps, with what is drawn for all of them at once.
         draws, episodes = jax.device_get(self.learner.draw(state)), state.episodes
         for step in range(STEPS):
-            now, actor = jax.tree.map(lambda x: x[step], draws), actor_of(state)  # noqa: B023
+            now, actor = jax.tree.map(itemgetter(step), draws), actor_of(state)
             episodes, actions = self.learner.act(actor, episodes, now, self.observations)
             actions.block_until_ready()
         taken["epoch_ms"].append(1000 * (observed - started))

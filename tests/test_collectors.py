@@ -222,6 +222,9 @@ def at_begin(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, Callable], None]
     begin, count = on_cluster._Actor.begin, 0
 
     def set_up(task: int, then: Callable[[Any], None]) -> None:
+        nonlocal count
+        count = 0
+
         def begun(self: Any, method: str, *arguments: Any) -> None:
             nonlocal count
             begin(self, method, *arguments)
@@ -266,7 +269,7 @@ def test_a_node_may_be_lost_but_not_the_head(
             at_begin(5, lose)
             assert agent_of(quietly(run_dir=tmp_path / "run", crew=crew)) == expected
 
-            at_begin(12, lambda actor: cluster.head_node.kill_gcs_server())
+            at_begin(4, lambda actor: cluster.head_node.kill_gcs_server())
             with pytest.raises(EverystateError, match="head of the Ray cluster"):
                 quietly(run_dir=tmp_path / "headless", crew=crew)
     finally:

@@ -179,7 +179,12 @@ class _Actor(Collector):
         try:
             return ray.get(self._task)
         except exceptions.RayTaskError as error:
-            raise error.cause from error
+            if isinstance(error.cause, EverystateError):
+                raise error.cause from error
+            raise EverystateError(
+                f"the bodies of collector {self.number} failed ({_line(error.cause)}): once that is"
+                " mended, the same command goes on from the last checkpoint"
+            ) from error
         except (
             exceptions.RayActorError,
             exceptions.WorkerCrashedError,

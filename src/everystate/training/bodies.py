@@ -1,6 +1,7 @@
 """A group of bodies that act: all of a run's, or those that one of its collectors has."""
 
 from collections.abc import Callable
+from operator import itemgetter
 from typing import NamedTuple
 
 import jax
@@ -97,7 +98,7 @@ class Bodies:
         for step in range(len(draws.goals)):
             if self._interrupted():
                 return None
-            now = jax.tree.map(lambda x: x[step], draws)  # noqa: B023
+            now = jax.tree.map(itemgetter(step), draws)
             episodes, acted = self._learner.act(actor, episodes, now, observations)
             actions = np.asarray(acted)
             reached, after = _step(self._env, actions)

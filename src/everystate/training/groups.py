@@ -6,7 +6,8 @@ another does that again.
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import jax
@@ -92,10 +93,8 @@ class Groups:
 
     def start(self, actions: Float32[np.ndarray, "steps bodies a"]) -> Collected | None:
         """New initial states for all bodies, and what came of these actions there."""
-        shares = np.split(actions, self._count, axis=1)
-        blocks = self._all(
-            "start", lambda group: (shares[group], seed_of(self._config, group)), range(self._count)
-        )
+        shares = self._divided(actions)
+        blocks = self._all("start", lambda i: (shares[i], seed_of(self._config, i)))
         return None if blocks is None else _joined(blocks)
 
     def collect(
@@ -108,10 +107,7 @@ class Groups:
     ) -> tuple[Collected, Episodes] | None:
         """One epoch of steps of all bodies; see `Bodies.collect`, which each group does."""
         sent = self._crew.share(_on_host(actor))
-        drawn = [
-            jax.tree.map(lambda x: np.split(x, self._count, axis=1)[group], _on_host(draws))  # noqa: B023
-            for group in range(self._count)
-        ]
+        drawn = self._divided(_on_host(draws))
         of_group = _on_host(ep.parts(episodes, self._count))
         seen = np.split(observations, self._count)
 
@@ -119,17 +115,21 @@ class Groups:
             state = None if group in self._placed else env[group]
             return sent, of_group[group], drawn[group], seen[group], state
 
-        done = self._all("collect", arguments, range(self._count))
+        done = self._all("collect", arguments)
         if done is None:
             return None
         blocks, parts = zip(*done, strict=True)
         return _joined(blocks), ep.joined(parts)
 
-    def _all(
-        self, method: str, arguments: Callable[[int], tuple[Any, ...]], groups: Iterable[int]
-    ) -> list[Any] | None:
+    def _divided(self, tree: Any) -> list[Any]:
+        """Each group's share of arrays [steps, bodies, ...]."""
+        size = size_of(self._config)
+        shares = [slice(i * size, (i + 1) * size) for i in range(self._count)]
+        return [jax.tree.map(itemgetter((slice(None), share)), tree) for share in shares]
+
+    def _all(self, method: str, arguments: Callable[[int], tuple[Any, ...]]) -> list[Any] | None:
         """What came of it for each group, done as often as it takes."""
-        waiting, results, losses = set(groups), {}, Counter[int]()
+        waiting, results, losses = set(range(self._count)), {}, Counter[int]()
         self._begin(waiting, method, arguments, losses)
         while waiting:
             if self._interrupted():

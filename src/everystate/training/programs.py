@@ -81,7 +81,7 @@ def _digest(name: str, config: Config, arguments: tuple) -> str:
         "versions": [version(package) for package in _VERSIONS],
         "settings": [str(jax.config.values[setting]) for setting in _SETTINGS],
         "backend": jax.default_backend(),
-        "config": config_to_json(config) | {"seed": None},
+        "config": config_to_json(config) | {"seed": None, "collectors": None},
         "name": name,
         "arguments": str(shapes),
     }
