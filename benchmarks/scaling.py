@@ -14,6 +14,7 @@ import math
 import resource
 import statistics
 import time
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,13 @@ import matplotlib.pyplot as plt
 
 from everystate import preset
 from everystate.agent import keep_compiled_programs
-from everystate.algorithm import AgentState, Scale
+from everystate.algorithm import AgentState, Scale, actor_of
 from everystate.learning import weights as w
 from everystate.learning.replay import Transitions
 from everystate.training.learner import begin, compiled
 
 PER_CALL = 5
+STEPS = 10
 STORED = (10_000, 100_000, 1_000_000, 10_000_000)
 SERIES: dict[str, tuple[int, ...]] = {
     "stored": STORED,
@@ -76,7 +78,7 @@ class Subject:
             "num_bodies": bodies,
         }
         fields |= {"num_updates": self.updates, "target_period": self.updates}
-        fields |= {"steps_per_epoch": 5, "warmup_steps": 5}
+        fields |= {"steps_per_epoch": STEPS, "warmup_steps": 5}
         config = preset("paper", "cartpole", **fields)
         self.learner, self.state = compiled(config), full(config, state_size)
         self.observations = jnp.zeros((bodies, state_size))
@@ -95,11 +97,15 @@ class Subject:
         observed = time.perf_counter()
         state, *_ = jax.block_until_ready(self.learner.update(state))
         updated = time.perf_counter()
-        for _ in range(10):
-            state, _ = jax.block_until_ready(self.learner.act(state, self.observations))
+        # An epoch of control steps, with what is drawn for all of them at once.
+        draws, episodes = jax.device_get(self.learner.draw(state)), state.episodes
+        for step in range(STEPS):
+            now, actor = jax.tree.map(itemgetter(step), draws), actor_of(state)
+            episodes, actions = self.learner.act(actor, episodes, now, self.observations)
+            actions.block_until_ready()
         taken["epoch_ms"].append(1000 * (observed - started))
         taken["update_ms"].append(1000 * (updated - observed) / self.updates)
-        taken["act_ms"].append(100 * (time.perf_counter() - updated))
+        taken["act_ms"].append(1000 * (time.perf_counter() - updated) / STEPS)
         self.state = state
 
     def medians(self) -> dict[str, float]:

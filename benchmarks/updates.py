@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from _arithmetic import update_flops
 
-from everystate import envs, preset
+from everystate import preset
 from everystate.agent import keep_compiled_programs
 from everystate.algorithm import AgentState
 from everystate.config import Config
@@ -32,7 +32,9 @@ from everystate.learning.losses import gradients
 from everystate.learning.models import step
 from everystate.learning.policy import improve
 from everystate.learning.value import lowest
+from everystate.training.bodies import make_bodies
 from everystate.training.collection import collect, to_device, warm_up
+from everystate.training.groups import Groups, InProcess
 from everystate.training.learner import Learner, compiled, jit
 
 BODIES = ("ramp-pointmass", "cartpole", "ant")
@@ -57,17 +59,21 @@ def peak_flops(size: int = 2048) -> Callable[[], float]:
 
 def trained(config: Config, epochs: int) -> tuple[AgentState, Learner, float]:
     """The body's own data and the models that some epochs made of them; seconds to collect one."""
-    env = envs.make(config.body, config.num_bodies, config.seed)
-    learner, snapshot, collecting = compiled(config), warm_up(config, env), 0.0
+    env, learner, collecting = make_bodies(config, config.num_bodies), compiled(config), 0.0
+    groups = Groups(config, InProcess(learner, env), lambda: False)
+    snapshot = warm_up(config, env, groups)
+    assert snapshot is not None
     for _ in range(epochs):
         started = time.perf_counter()
-        collected = collect(config, env, learner, snapshot, lambda: False)
-        assert collected is not None
-        agent, steps, observations = collected
-        agent = jax.block_until_ready(learner.observe(agent, to_device(steps)))
+        done = collect(learner, groups, snapshot)
+        assert done is not None
+        agent, collected = done
+        agent = jax.block_until_ready(learner.observe(agent, to_device(collected.steps)))
         collecting = time.perf_counter() - started
         agent, *_ = jax.block_until_ready(learner.update(agent))
-        snapshot = snapshot._replace(agent=agent, observations=observations)
+        snapshot = snapshot._replace(
+            agent=agent, env=collected.env, observations=collected.observations
+        )
     return snapshot.agent, learner, collecting
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from everystate import algorithm
 from everystate.config import FlowFamily
+from everystate.learning.keys import named
 from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
 from everystate.presets import preset
@@ -31,6 +32,12 @@ def start(config):
     return algorithm.init(config, drift(config, key, config.warmup_steps), scale, key=key)
 
 
+def act_at(config, state, draws, step, episodes, observations):
+    now = jax.tree.map(lambda x: x[step], draws)
+    actor = algorithm.actor_of(state)
+    return eqx.filter_jit(algorithm.act)(config, actor, episodes, now, observations)
+
+
 def leaves(state):
     arrays = jax.tree.leaves(eqx.filter(state._replace(key=None), eqx.is_array))
     return [np.asarray(x) for x in arrays]
@@ -48,7 +55,9 @@ def leaves(state):
 def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
     config = preset("test", flow=flow, num_updates=2, target_period=1)
     state = start(config)
-    after, actions = eqx.filter_jit(algorithm.act)(config, state, jnp.zeros((10, 2)))
+    draws = eqx.filter_jit(algorithm.draw)(config, state)
+    episodes, actions = act_at(config, state, draws, 0, state.episodes, jnp.zeros((10, 2)))
+    after = state._replace(episodes=episodes)
     after, metrics, _ = eqx.filter_jit(algorithm.update)(config, after)
     assert actions.shape == (10, 2)
     assert np.all(np.abs(actions) <= 1)
@@ -58,6 +67,18 @@ def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
     # A dtype that changes would compile the next epoch anew.
     for old, new in zip(leaves(state), leaves(after), strict=True):
         assert (old.shape, old.dtype) == (new.shape, new.dtype)
+
+
+def test_the_goals_of_an_epoch_are_those_chosen_step_by_step():
+    config = preset("test", steps_per_epoch=4)
+    state = start(config)._replace(epoch=jnp.int32(3))
+    draws = eqx.filter_jit(algorithm.draw)(config, state)
+    assert draws.goals.shape == (4, 10, 2)
+    choose = eqx.filter_jit(algorithm.choose_goals)
+    for i, goals in enumerate(draws.goals):
+        key = named(named(state.key, "act", 3 * 4 + i), "goals")
+        expected = choose(config, state.models, state.replay, key=key)
+        np.testing.assert_allclose(goals, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_same_seed_same_update_bit_for_bit():
@@ -112,12 +133,14 @@ def test_presets_of_the_paper_run(name):
 
 def test_who_wanders_keeps_to_random_actions_for_a_while_and_another_does_as_ever():
     config = preset("test", wander_share=0.5, wander_steps=2, steps_per_epoch=4)
-    act, observations = eqx.filter_jit(algorithm.act), jnp.zeros((10, 2))
 
     def actions(config):
         state, taken = start(config), []
-        for _ in range(8):
-            state, action = act(config, state, observations)
+        episodes = state.episodes
+        for step in range(8):
+            state = state._replace(epoch=jnp.int32(step // 4))
+            draws = eqx.filter_jit(algorithm.draw)(config, state)
+            episodes, action = act_at(config, state, draws, step % 4, episodes, jnp.zeros((10, 2)))
             taken.append(action)
         return np.stack(taken)
 

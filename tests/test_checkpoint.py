@@ -15,13 +15,19 @@ from everystate.presets import preset
 from everystate.training import checkpoint
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import warm_up
+from everystate.training.groups import Groups, InProcess
+from everystate.training.learner import compiled
 
 CONFIG = preset("test", seed=3)
 
 
 @pytest.fixture(scope="module")
 def begun() -> Snapshot:
-    return warm_up(CONFIG, envs.make(CONFIG.body, CONFIG.num_bodies, CONFIG.seed))
+    env = envs.make(CONFIG.body, CONFIG.num_bodies)
+    groups = Groups(CONFIG, InProcess(compiled(CONFIG), env), lambda: False)
+    snapshot = warm_up(CONFIG, env, groups)
+    assert snapshot is not None
+    return snapshot
 
 
 def at(snapshot: Snapshot, epoch: int) -> Snapshot:
@@ -58,8 +64,8 @@ def test_everything_comes_back_bit_for_bit(begun: Snapshot, tmp_path: Path) -> N
 def test_physics_keeps_its_64_bits(begun: Snapshot, tmp_path: Path) -> None:
     save(tmp_path, begun)
     after = restored(tmp_path)
-    assert after.env["qpos"].dtype == np.float64
-    assert after.env["random"].dtype == np.uint64
+    assert after.env[0]["qpos"].dtype == np.float64
+    assert after.env[0]["random"].dtype == np.uint64
 
 
 def test_no_state_has_weak_dtypes_or_shared_memory(begun: Snapshot, tmp_path: Path) -> None:
@@ -115,7 +121,7 @@ def damage(folder: Path, how: str) -> None:
     elif how == "missing":
         state.unlink()
     elif how == "wrong":
-        state.write_bytes(content.replace(b'"agent.step"', b'"agent.stop"'))
+        state.write_bytes(content.replace(b'"agent.epoch"', b'"agent.epoxy"'))
     elif how == "without checksums":
         safetensors.numpy.save_file(safetensors.numpy.load_file(state), state)
 

@@ -12,10 +12,12 @@ import pytest
 import everystate
 from everystate import envs
 from everystate.algorithm import AgentState
+from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import preset
 from everystate.training import faults, loop
 from everystate.training.collection import warm_up
+from everystate.training.groups import Groups, InProcess
 from everystate.training.learner import Learner, compiled
 from everystate.training.logging import read_metrics
 
@@ -29,10 +31,18 @@ def poisoned(state: AgentState, value: float, *, count: int = 3) -> AgentState:
     return state._replace(replay=state.replay._replace(transitions=spoilt))
 
 
+def warmed_up(config: Config) -> AgentState:
+    env = envs.make(BODY, config.num_bodies, 0)
+    groups = Groups(config, InProcess(compiled(config), env), lambda: False)
+    snapshot = warm_up(config, env, groups)
+    assert snapshot is not None
+    return snapshot.agent
+
+
 @functools.cache
 def epoch(mode: Literal["stop", "roll-back"], value: float) -> tuple[Any, ...]:
     config = preset("test", not_finite=mode)
-    state = warm_up(config, envs.make(BODY, config.num_bodies, 0)).agent
+    state = warmed_up(config)
     before = state.models
     models = jax.tree.map(lambda x: x.copy() if isinstance(x, jax.Array) else x, before)
     state, metrics, fault = compiled(config).update(poisoned(state, value))
@@ -75,7 +85,7 @@ def test_without_a_fault_there_is_none() -> None:
 
 def test_weights_stay_finite_where_densities_are_not() -> None:
     config = preset("test")
-    state = warm_up(config, envs.make(BODY, config.num_bodies, 0)).agent
+    state = warmed_up(config)
     from everystate.learning import replay as rb
 
     minibatch = rb.sample(config, state.replay, key=jax.random.key(0))

@@ -10,8 +10,8 @@ import pytest
 from everystate import scaling
 from everystate.cli import main
 from everystate.errors import EverystateError
+from everystate.scaling import cluster, tuning
 from everystate.scaling import trial as trials
-from everystate.scaling import tuning
 from everystate.scaling.plan import Trial, read
 
 ROOT = Path(__file__).parents[1]
@@ -201,7 +201,7 @@ def test_a_search_goes_on_with_what_it_found(tmp_path: Path) -> None:
 def test_that_ray_is_not_installed_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(tuning, "find_spec", lambda name: None)
+    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
     path, out = write(tmp_path, SMALL), tmp_path / "out"
     assert main(["sweep", str(path), "--out", str(out)]) == 2
     assert "pip install 'ray[tune]' optuna" in capsys.readouterr().err

@@ -4,6 +4,7 @@ Most tests learn nothing: a stand-in learner leaves the loop its schedule. Two t
 """
 
 import functools
+import itertools
 import json
 import logging
 import re
@@ -23,6 +24,7 @@ import pytest
 import everystate
 from everystate import envs
 from everystate.agent import named_arrays
+from everystate.algorithm import Draws
 from everystate.errors import EverystateError
 from everystate.learning.guard import Fault
 from everystate.presets import preset
@@ -32,22 +34,26 @@ from everystate.training.logging import Log, read_metrics, shown
 from everystate.training.rundir import open_run
 
 BODY = "ramp-pointmass"
+CONFIG = preset("test")
 quietly: Callable[..., Path] = functools.partial(train, BODY, preset="test", progress=False)
 
 
 def idle(on_act: Callable[[int], None] = lambda step: None, loss: float = 1.0) -> Learner:
     """A learner that stands still, and learns nothing."""
+    step = itertools.count()
 
-    def act(state, observations):
-        on_act(int(state.step))
-        return state._replace(step=state.step + 1), jnp.zeros(observations.shape)
+    def act(actor, episodes, draws, observations):
+        on_act(next(step))
+        return episodes, jnp.zeros(observations.shape)
 
     def update(state):
         metrics = {"loss/f": jnp.float32(loss), "episode/reached": jnp.float32(0.5)}
         return state._replace(epoch=state.epoch + 1), metrics, Fault(jnp.int32(-1), batch, {})
 
+    zeros = jnp.zeros((CONFIG.steps_per_epoch, CONFIG.num_bodies, 2))
+    draws = Draws(zeros, zeros)
     batch: Any = None
-    return Learner(act, lambda state, steps: state, update)
+    return Learner(lambda state: draws, act, lambda state, steps: state, update)
 
 
 @pytest.fixture

@@ -1,8 +1,8 @@
 """Algorithm 1 (Zhang 2019, Appendix A): one function per paragraph of the paper's page.
 
-`init`, then for ever: `act` on every body for an epoch of collection, `observe` what came of it,
-`update` for an epoch of learning. States are scaled on the way in: below this file everything is
-in scaled units.
+`init`, then for ever: `draw` what chance decides about an epoch of collection, `act` on every body
+at each of its steps, `observe` what came of it, `update` for an epoch of learning. States are
+scaled on the way in: below this file everything is in scaled units.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from everystate.learning.keys import named
 from everystate.learning.losses import gradients
 from everystate.learning.models import Models, Scale, new_models, new_optimisers, step
 from everystate.learning.networks import Value
-from everystate.learning.policy import improve
+from everystate.learning.policy import Policy, improve
 from everystate.learning.practice import practise
 from everystate.learning.replay import Transitions
 from everystate.learning.value import lowest
@@ -42,9 +42,29 @@ class AgentState(NamedTuple):
     episodes: ep.Episodes
     scale: Scale
     key: PRNGKeyArray
-    step: Int[Array, ""]  # Control steps taken by each body under the policy.
     epoch: Int[Array, ""]
     copies: Int[Array, ""]  # Of V to V_targ.
+
+
+class Actor(NamedTuple):
+    """What acting needs of an agent, which is little: it goes to wherever the bodies are."""
+
+    policy: Policy
+    value: Value
+    scale: Scale
+
+
+class Draws(NamedTuple):
+    """What chance decides about a step of some bodies, apart from their own noise."""
+
+    goals: Float[Array, "*steps bodies s"]
+    """Scaled; for those whose episode is over."""
+    latents: Float[Array, "*steps bodies a"]
+    """z of the actions a = pi_dec(z)."""
+    wanders: Bool[Array, "*steps bodies 1"] | None = None
+    """Which bodies act at random in this epoch [D22]; None: nobody ever does."""
+    anywhere: Float[Array, "*steps bodies a"] | None = None
+    """How they act."""
 
 
 def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray) -> AgentState:
@@ -70,11 +90,15 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
         episodes=ep.no_episodes(config, state_size),
         scale=scale,
         key=key,
-        step=zero,
         epoch=zero,
         copies=zero,
     )
     return observe(config, empty, warmup)
+
+
+def actor_of(state: AgentState) -> Actor:
+    """The part that acts."""
+    return Actor(state.models.policy, state.models.value, state.scale)
 
 
 def choose_goals(
@@ -91,34 +115,58 @@ def choose_goals(
     return jax.vmap(lambda g: least_likely(flow, g))(goals.reshape(config.num_bodies, config.m, -1))
 
 
+def draw(config: Config, state: AgentState) -> Draws:
+    """All that chance decides about an epoch of collection: neither f nor replay changes in it.
+
+    Leaves are [steps, bodies, ...]; what is drawn for a body is so however bodies are grouped.
+    """
+    action_size = state.replay.transitions.actions.shape[-1]
+
+    def moment(step: Int[Array, ""]) -> Draws:
+        key = named(state.key, "act", step)
+        keys = jax.random.split(named(key, "actions"), config.num_bodies)
+        draws = Draws(
+            goals=choose_goals(config, state.models, state.replay, key=named(key, "goals")),
+            latents=jax.vmap(lambda key: jax.random.normal(key, (action_size,)))(keys),
+        )
+        if not config.wander_share:
+            return draws
+        epoch, since = step // config.steps_per_epoch, step // config.wander_steps
+        chosen = named(state.key, "wander", epoch), named(state.key, "wandering", since)
+        return draws._replace(
+            wanders=jax.random.bernoulli(chosen[0], config.wander_share, (config.num_bodies, 1)),
+            anywhere=jax.random.uniform(chosen[1], draws.latents.shape, minval=-1, maxval=1),
+        )
+
+    steps = jnp.arange(config.steps_per_epoch, dtype=jnp.int32)
+    # One step after the other: all at once would hold m candidates for every goal of the epoch.
+    return jax.lax.map(moment, state.epoch * config.steps_per_epoch + steps)
+
+
 def act(
-    config: Config, state: AgentState, observations: Float[Array, "bodies s"]
-) -> tuple[AgentState, Float[Array, "bodies a"]]:
-    """a ~ pi(s, g) for every body, after giving new goals to those whose episode is over.
+    config: Config,
+    actor: Actor,
+    episodes: ep.Episodes,
+    draws: Draws,
+    observations: Float[Array, "bodies s"],
+) -> tuple[ep.Episodes, Float[Array, "bodies a"]]:
+    """a ~ pi(s, g) for some bodies, after giving new goals to those whose episode is over.
 
     Some may wander: they act at random for an epoch [D22].
     """
-    models, states = state.models, state.scale.scaled(observations)
-    key = named(state.key, "act", state.step)
+    states = actor.scale.scaled(observations)
+    values = jax.vmap(actor.value)(states, episodes.goals)
+    episodes, over = ep.advance(config, episodes, states, values)
+    new_values = jax.vmap(actor.value)(states, draws.goals)
+    episodes = ep.restart(episodes, over, draws.goals, new_values)
 
-    values = jax.vmap(models.value)(states, state.episodes.goals)
-    episodes, over = ep.advance(config, state.episodes, states, values)
-    goals = choose_goals(config, models, state.replay, key=named(key, "goals"))
-    episodes = ep.restart(episodes, over, goals, jax.vmap(models.value)(states, goals))
+    def sample(s: Array, g: Array, z: Array) -> Float[Array, " a"]:
+        return jnp.clip(decode(actor.policy(s, g), z), -1, 1)
 
-    def sample(s: Array, g: Array, key: PRNGKeyArray) -> Float[Array, " a"]:
-        policy = models.policy(s, g)
-        return jnp.clip(decode(policy, jax.random.normal(key, policy.shape)), -1, 1)
-
-    keys = jax.random.split(named(key, "actions"), config.num_bodies)
-    actions = jax.vmap(sample)(states, episodes.goals, keys)
-    if config.wander_share:
-        epoch, moment = state.step // config.steps_per_epoch, state.step // config.wander_steps
-        chosen = named(state.key, "wander", epoch), named(state.key, "wandering", moment)
-        wanders = jax.random.bernoulli(chosen[0], config.wander_share, (config.num_bodies, 1))
-        anywhere = jax.random.uniform(chosen[1], actions.shape, minval=-1, maxval=1)
-        actions = jnp.where(wanders, anywhere, actions)
-    return state._replace(episodes=episodes, step=state.step + 1), actions
+    actions = jax.vmap(sample)(states, episodes.goals, draws.latents)
+    if draws.wanders is not None and draws.anywhere is not None:
+        actions = jnp.where(draws.wanders, draws.anywhere, actions)
+    return episodes, actions
 
 
 def observe(config: Config, state: AgentState, transitions: Transitions) -> AgentState:

@@ -98,6 +98,8 @@ class Config:
     # --- Collection (Algorithm 1, Appendix B) ---
     num_bodies: int = 50
     """Bodies stepped in parallel."""
+    collectors: int = 0
+    """Processes of a Ray cluster that the bodies are divided among; 0: all are in this one."""
     steps_per_epoch: int = 50
     """Control steps of every body per epoch."""
     warmup_steps: int = 50
@@ -182,12 +184,23 @@ class Config:
                 f"target_period = {self.target_period} does not divide num_updates = "
                 f"{self.num_updates}: choose a divisor, so that every epoch copies V alike"
             )
+        if self.collectors and self.num_bodies % self.collectors:
+            raise EverystateError(
+                f"collectors = {self.collectors} does not divide num_bodies = {self.num_bodies}: "
+                f"choose {_nearest_divisor(self.num_bodies, self.collectors)}, so that each has as "
+                f"many bodies"
+            )
         ring = self.num_bodies * max(self.steps_per_epoch, self.warmup_steps)
         if self.capacity % self.num_bodies or self.capacity < 2 * ring:
             raise EverystateError(
                 f"capacity = {self.capacity} must be a multiple of num_bodies = {self.num_bodies} "
                 f"and hold at least two collection phases ({2 * ring} items): raise capacity"
             )
+
+
+def _nearest_divisor(number: int, wanted: int) -> int:
+    divisors = (d for d in range(1, number + 1) if number % d == 0)
+    return min(divisors, key=lambda d: abs(d - wanted))
 
 
 def _check_kind(name: str, value: object, kind: Any) -> None:
@@ -228,6 +241,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "absorb": (0, 1),
     "goal_value_weight": (0, 1e3),
     "num_bodies": (1, 100_000),
+    "collectors": (0, 10_000),
     "steps_per_epoch": (1, 100_000),
     "warmup_steps": (1, 100_000),
     "patience": (1, 100_000),

@@ -54,10 +54,21 @@ def train(argv: list[str], command: str = "train", run_dir: Path | None = None) 
     fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(Config)}
     from everystate import training
 
-    progress = "plain" if options.quiet else True
-    return training.train(
-        fields.pop("body"), preset=name, run_dir=options.run_dir, progress=progress, **fields
-    )
+    body, how = fields.pop("body"), {"progress": "plain" if options.quiet else True}
+    with _crew(options.collectors, options.ray_address) as how["crew"]:
+        return training.train(body, preset=name, run_dir=options.run_dir, **how, **fields)
+
+
+def _crew(collectors: int, address: str | None) -> contextlib.AbstractContextManager[Any]:
+    if collectors:
+        from everystate import scaling
+
+        return scaling.on_ray(collectors, address)
+    if address:
+        raise EverystateError(
+            f"--ray-address {address} is of no use without collectors: say --collectors N too"
+        )
+    return contextlib.nullcontext()
 
 
 def evaluate(argv: list[str]) -> None:

@@ -26,6 +26,9 @@ class Train(Config):
     """Folder of the run, by default runs/BODY-PRESET-seedSEED."""
     quiet: bool = False
     """A plain line every few epochs instead of a progress bar."""
+    ray_address: str | None = None
+    """Head of the Ray cluster for --collectors, HOST:PORT, or auto for this machine's; by default
+    Ray is started on this machine, and stopped in the end."""
 
 
 @dataclasses.dataclass(frozen=True)

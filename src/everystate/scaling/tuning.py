@@ -1,11 +1,9 @@
 """Many runs on Ray Tune: as many at a time as there are cores, here or in a cluster."""
 
-import contextlib
 import json
-import logging
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from typing import Any
 from everystate.agent.files import read_json
 from everystate.errors import EverystateError
 from everystate.scaling import trial as one
+from everystate.scaling.cluster import connected
 from everystate.scaling.plan import Range, Search, Sweep, Trial
 from everystate.training.rundir import write_atomically
 
@@ -60,7 +59,7 @@ def run_all(trials: Sequence[Trial], out: Path, *, address: str | None = None) -
 
     if not named:
         return
-    with _ray(address):
+    with connected(address, len(os.sched_getaffinity(0))):
         from ray import tune
 
         _tuned(
@@ -91,7 +90,9 @@ def _search(plan: Sweep, search: Search, out: Path, address: str | None) -> None
     left = search.trials - len(scored)
     if left <= 0:
         return
-    with _ray(address):
+    if find_spec("optuna") is None:
+        raise EverystateError("searches want Optuna, which is not installed: pip install optuna")
+    with connected(address, len(os.sched_getaffinity(0))):
         from ray.tune.search.optuna import OptunaSearch
 
         proposals = OptunaSearch(
@@ -191,34 +192,3 @@ def _distribution(wanted: Range | tuple[Any, ...]) -> Any:
 
 def _shown(metrics: Mapping[str, Any]) -> dict[str, Any]:
     return {name: metrics[name] for name in _COLUMNS if name in metrics}
-
-
-@contextlib.contextmanager
-def _ray(address: str | None) -> Iterator[None]:
-    """Ray, connected and told to be quiet and to leave the working directory alone."""
-    if not find_spec("ray") or not find_spec("optuna"):
-        raise EverystateError(
-            "sweeps want Ray and Optuna: pip install 'ray[tune]' optuna, which are everystate's"
-            " extra `scale`"
-        )
-    os.environ |= {
-        "RAY_CHDIR_TO_TRIAL_DIR": "0",
-        "RAY_AIR_NEW_OUTPUT": "0",
-        # By default its workers stand back for whatever else runs, and all but stop beside it.
-        "RAY_worker_niceness": "0",
-    }
-    import ray
-
-    own: dict[str, Any] = {"include_dashboard": False, "num_cpus": len(os.sched_getaffinity(0))}
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-    try:
-        ray.init(address or "local", **quiet, **({} if address else own))
-    except (ConnectionError, ValueError, RuntimeError) as error:
-        raise EverystateError(
-            f"no Ray cluster answers at {address} ({error}): start one by `ray start --head`, or"
-            " leave out --ray-address to use this machine alone"
-        ) from error
-    try:
-        yield
-    finally:
-        ray.shutdown()

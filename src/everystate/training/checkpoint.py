@@ -32,8 +32,8 @@ class Snapshot(NamedTuple):
     """A run between two epochs."""
 
     agent: AgentState
-    env: dict[str, np.ndarray]
-    """The bodies' physics and random numbers, as their `get_state` has it."""
+    env: tuple[dict[str, np.ndarray], ...]
+    """Each group's physics and random numbers, as its bodies' `get_state` has it."""
     observations: Float32[np.ndarray, "bodies s"]
     """What the bodies observe now."""
     visited: Bool[np.ndarray, "..."]
@@ -127,7 +127,8 @@ def _to_arrays(snapshot: Snapshot) -> dict[str, np.ndarray]:
         f"agent.{name}": jax.random.key_data(x) if _is_key(x) else x
         for name, x in named_arrays(snapshot.agent).items()
     }
-    env = {f"env.{name}": x for name, x in snapshot.env.items()}
+    groups = enumerate(snapshot.env)
+    env = {f"env.{i}.{name}": x for i, state in groups for name, x in state.items()}
     rest = {"observations": snapshot.observations, "visited": snapshot.visited}
     return {name: np.asarray(x, order="C") for name, x in (agent | env | rest).items()}
 
@@ -140,9 +141,9 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], expected: AgentState) -> Snap
     for name, x in named_arrays(expected).items():
         if _is_key(x):
             agent[name] = jax.random.wrap_key_data(agent[name])
-    return Snapshot(
-        with_arrays(expected, agent), under("env."), arrays["observations"], arrays["visited"]
-    )
+    groups = len({name.partition(".")[0] for name in under("env.")})
+    env = tuple(under(f"env.{i}.") for i in range(groups))
+    return Snapshot(with_arrays(expected, agent), env, arrays["observations"], arrays["visited"])
 
 
 def _saved(folder: Path) -> list[Path]:

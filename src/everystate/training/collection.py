@@ -2,22 +2,24 @@
 
 import zipfile
 import zlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import gymnasium
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
-from everystate.algorithm import AgentState, Scale
+from everystate.agent import own
+from everystate.algorithm import AgentState, Scale, actor_of
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.learning.replay import Transitions
 from everystate.training import coverage
+from everystate.training.bodies import Steps
 from everystate.training.checkpoint import Snapshot
+from everystate.training.groups import Collected, Groups
 from everystate.training.learner import Learner, begin
 
 MAX_SAMPLES = 500
@@ -25,51 +27,38 @@ _LARGEST_SAMPLES = 1 << 28
 """Bytes: 500 states and 100,000 goals of 256 components, and the cells."""
 
 
-class Steps(NamedTuple):
-    """An epoch of transitions as the bodies saw them, in their own units."""
+def warm_up(config: Config, env: BodyVectorEnv, groups: Groups) -> Snapshot | None:
+    """A new run: uniformly random actions (Algorithm 1 needs some transitions), fresh models.
 
-    observations: Float32[np.ndarray, "steps bodies s"]
-    actions: Float32[np.ndarray, "steps bodies a"]
-    next_observations: Float32[np.ndarray, "steps bodies s"]
-
-
-def warm_up(config: Config, env: BodyVectorEnv) -> Snapshot:
-    """A new run: uniformly random actions (Algorithm 1 needs some transitions), fresh models."""
+    Returns:
+        What the run begins with; None if interrupted.
+    """
     rng = np.random.default_rng([config.seed, zlib.crc32(b"warm-up")])
-    observations, _ = env.reset(seed=config.seed)
-    taken = []
-    for _ in range(config.warmup_steps):
-        actions = rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)
-        reached, after = _step(env, actions)
-        taken.append((observations, actions, reached))
-        observations = after
-    steps = _stacked(taken)
+    shape = config.warmup_steps, config.num_bodies, action_size(env)
+    collected = groups.start(rng.uniform(-1, 1, shape).astype(np.float32))
+    if collected is None:
+        return None
+    steps = collected.steps
     scale = Scale(jnp.asarray(env.scaling.centre), jnp.asarray(env.scaling.spread))
     agent = begin(config, to_device(steps), scale)
     visited = coverage.visit(coverage.no_cells(*bounds(env)), steps.next_observations, *bounds(env))
-    return Snapshot(agent, env.get_state(), observations, visited)
+    return Snapshot(agent, collected.env, collected.observations, visited)
 
 
 def collect(
-    config: Config,
-    env: BodyVectorEnv,
-    learner: Learner,
-    snapshot: Snapshot,
-    interrupted: Callable[[], bool],
-) -> tuple[AgentState, Steps, Float32[np.ndarray, "bodies s"]] | None:
-    """One epoch of steps of all bodies, and what they observe then; None if interrupted.
+    learner: Learner, groups: Groups, snapshot: Snapshot
+) -> tuple[AgentState, Collected] | None:
+    """One epoch of steps of all bodies; None if interrupted.
 
     The snapshot stays as it is: an interrupted epoch can be forgotten.
     """
-    agent, observations, taken = snapshot.agent, snapshot.observations, []
-    for _ in range(config.steps_per_epoch):
-        if interrupted():
-            return None
-        agent, actions = learner.act(agent, jnp.asarray(observations))
-        reached, after = _step(env, np.asarray(actions))
-        taken.append((observations, np.asarray(actions), reached))
-        observations = after
-    return agent, _stacked(taken), observations
+    agent = snapshot.agent
+    actor, draws = actor_of(agent), learner.draw(agent)
+    done = groups.collect(actor, agent.episodes, draws, snapshot.observations, snapshot.env)
+    if done is None:
+        return None
+    collected, episodes = done
+    return agent._replace(episodes=jax.tree.map(own, episodes)), collected
 
 
 def world_metrics(
@@ -142,18 +131,3 @@ def action_size(env: BodyVectorEnv) -> int:
 def to_device(steps: Steps) -> Transitions:
     """What the algorithm takes."""
     return Transitions(*map(jnp.asarray, steps))
-
-
-def _step(
-    env: BodyVectorEnv, actions: np.ndarray
-) -> tuple[Float32[np.ndarray, "bodies s"], Float32[np.ndarray, "bodies s"]]:
-    """What the actions led to, and from where the bodies go on: elsewhere if they came to an end.
-
-    So no transition leads across an end, and a chain of transitions shows where it is broken.
-    """
-    after, _, _, _, info = env.step(actions)
-    return info.get("final_obs", after), after
-
-
-def _stacked(taken: list[tuple[np.ndarray, ...]]) -> Steps:
-    return Steps(*(np.stack(column) for column in zip(*taken, strict=True)))

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from everystate import algorithm
 from everystate.agent import own
-from everystate.algorithm import AgentState, Scale
+from everystate.algorithm import Actor, AgentState, Draws, Scale
 from everystate.config import Config
 from everystate.learning.episodes import Episodes
 from everystate.learning.guard import Fault
@@ -18,11 +18,15 @@ from everystate.learning.keys import named
 from everystate.learning.replay import Transitions
 from everystate.training.programs import kept
 
+Tree = TypeVar("Tree", AgentState, Actor)
+
 
 class Learner(NamedTuple):
-    """`act`, `observe` and `update` of the algorithm, for one config."""
+    """`draw`, `act`, `observe` and `update` of the algorithm, for one config."""
 
-    act: Callable[[AgentState, Float[Array, "bodies s"]], tuple[AgentState, Array]]
+    draw: Callable[[AgentState], Draws]
+    act: Callable[[Actor, Episodes, Draws, Float[Array, "bodies s"]], tuple[Episodes, Array]]
+    """Of all bodies or of a group of them, anywhere."""
     observe: Callable[[AgentState, Transitions], AgentState]
     update: Callable[[AgentState], tuple[AgentState, dict[str, Float[Array, ""]], Fault]]
     """Its argument is used up: the new state takes over its memory."""
@@ -38,11 +42,13 @@ def jit(function: Callable) -> Any:
 def compiled(config: Config) -> Learner:
     """Compiles on first use; never again, because states keep their shapes and dtypes."""
 
-    def changed_by_act(
-        state: AgentState, observations: Float[Array, "bodies s"]
-    ) -> tuple[Episodes, Array, Array]:
-        after, actions = algorithm.act(config, state, observations)
-        return after.episodes, after.step, actions
+    def drawn(state: AgentState) -> Draws:
+        return algorithm.draw(config, state)
+
+    def acted(
+        actor: Actor, episodes: Episodes, draws: Draws, observations: Float[Array, "bodies s"]
+    ) -> tuple[Episodes, Array]:
+        return algorithm.act(config, actor, episodes, draws, observations)
 
     def observed(state: AgentState, steps: Transitions) -> list[Array]:
         return _arrays(algorithm.observe(config, state, steps))
@@ -51,16 +57,8 @@ def compiled(config: Config) -> Learner:
         state, metrics, fault = algorithm.update(config, state)
         return _arrays(state), metrics, fault
 
-    acting = _of_arrays("act", config, changed_by_act)
     observing = _of_arrays("observe", config, observed)
     updating = _of_arrays("update", config, updated, donate_argnums=0)
-
-    def act(
-        state: AgentState, observations: Float[Array, "bodies s"]
-    ) -> tuple[AgentState, Float[Array, "bodies a"]]:
-        # The rest stays outside: what goes through a program is copied, all of replay at each step.
-        episodes, step, actions = acting(state, observations)
-        return state._replace(episodes=episodes, step=step), actions
 
     def observe(state: AgentState, steps: Transitions) -> AgentState:
         return _structure(state)(observing(state, steps))
@@ -69,17 +67,18 @@ def compiled(config: Config) -> Learner:
         arrays, metrics, fault = updating(state)
         return _structure(state)(arrays), metrics, fault
 
-    return Learner(act, observe, update)
+    draw, act = _of_arrays("draw", config, drawn), _of_arrays("act", config, acted)
+    return Learner(draw, act, observe, update)
 
 
 def _of_arrays(name: str, config: Config, function: Callable, **options: Any) -> Callable:
-    """A function of a state, compiled as one of its arrays; what else it has is always the same."""
+    """A function of a tree, compiled as one of its arrays; what else it has is always the same."""
     made: dict[str, Callable] = {}
 
-    def call(state: AgentState, *more: Any) -> Any:
-        arguments = (_arrays(state), *more)
+    def call(tree: Tree, *more: Any) -> Any:
+        arguments = (_arrays(tree), *more)
         if name not in made:
-            put_in = _structure(state)  # and not the state, whose arrays would stay in memory
+            put_in = _structure(tree)  # and not the tree, whose arrays would stay in memory
 
             def of_arrays(arrays: list[Array], *more: Any) -> Any:
                 return function(put_in(arrays), *more)
@@ -91,13 +90,13 @@ def _of_arrays(name: str, config: Config, function: Callable, **options: Any) ->
     return call
 
 
-def _arrays(state: AgentState) -> list[Array]:
-    return jax.tree.leaves(eqx.filter(state, eqx.is_array))
+def _arrays(tree: Any) -> list[Array]:
+    return jax.tree.leaves(eqx.filter(tree, eqx.is_array))
 
 
-def _structure(state: AgentState) -> Callable[[list[Array]], AgentState]:
-    """Puts arrays in the place of a state's own."""
-    dynamic, static = eqx.partition(state, eqx.is_array)
+def _structure(tree: Tree) -> Callable[[list[Array]], Tree]:
+    """Puts arrays in the place of a tree's own."""
+    dynamic, static = eqx.partition(tree, eqx.is_array)
     structure = jax.tree.structure(dynamic)
     return lambda arrays: eqx.combine(jax.tree.unflatten(structure, arrays), static)
 

@@ -12,13 +12,14 @@ from typing import Any, Literal
 
 import jax
 
-from everystate import envs, evaluation
+from everystate import evaluation
 from everystate.agent import Agent, BodyInfo, keep_compiled_programs
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.presets import preset as preset_of
 from everystate.training import checkpoint, coverage, faults
+from everystate.training.bodies import make_bodies
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import (
     action_size,
@@ -29,7 +30,8 @@ from everystate.training.collection import (
     warm_up,
     world_metrics,
 )
-from everystate.training.learner import compiled
+from everystate.training.groups import Crew, Groups, InProcess, size_of
+from everystate.training.learner import Learner, compiled
 from everystate.training.logging import Log, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
 
@@ -41,6 +43,7 @@ def train(
     run_dir: str | Path | None = None,
     progress: bool | Literal["plain"] = True,
     on_epoch: Callable[[Mapping[str, int | float]], None] | None = None,
+    crew: Crew | None = None,
     **overrides: Any,
 ) -> Path:
     """Trains an agent, or goes on with a run that was interrupted, and returns the run's folder.
@@ -55,6 +58,8 @@ def train(
         run_dir: the run's folder, by default `runs/BODY-PRESET-seedSEED`.
         progress: a bar on a terminal and plain lines elsewhere; "plain" lines; or False, nothing.
         on_epoch: is called after each epoch with its metrics, those of metrics.jsonl.
+        crew: where the collectors of `collectors=N` are: by default in this process, one after the
+            other; or on a cluster, by `everystate.scaling.on_ray`. It does not change the result.
         **overrides: fields of the config to change.
 
     Raises:
@@ -67,8 +72,8 @@ def train(
     else:
         config = preset_of(preset, config_or_body, **overrides)
     keep_compiled_programs()
-    options = envs.parse_options(config.body_options)
-    env = envs.make(config.body, config.num_bodies, config.seed, **options)
+    # With a crew, only to know what they are like: theirs may be robots.
+    env = make_bodies(config, 1 if crew else size_of(config))
     with _written(), open_run(Path(run_dir or default_run_dir(config, preset)), config) as folder:
         sizes = len(env.state_names), action_size(env)
         snapshot = checkpoint.restore(folder / "checkpoints", config, *sizes)
@@ -79,13 +84,18 @@ def train(
                 folder, done=done, epochs=config.epochs, show=shown(progress), on_epoch=on_epoch
             ) as log,
         ):
-            _run(config, env, folder, snapshot, log, interrupted)
+            learner = compiled(config)
+            crew = crew or InProcess(learner, env, interrupted)
+            groups = Groups(config, crew, interrupted)
+            _run(config, env, learner, groups, folder, snapshot, log, interrupted)
     return folder
 
 
 def _run(
     config: Config,
     env: BodyVectorEnv,
+    learner: Learner,
+    groups: Groups,
     folder: Path,
     snapshot: Snapshot | None,
     log: Log,
@@ -94,25 +104,25 @@ def _run(
     start = time.perf_counter() - log.elapsed_before
     if snapshot is None:
         log.say(f"training in {folder}")
-        snapshot = warm_up(config, env)
+        snapshot = warm_up(config, env, groups)
+        if snapshot is None:
+            raise KeyboardInterrupt
     elif snapshot.epoch == config.epochs:
         return log.say(f"{folder} is finished: nothing to do")
     else:
         log.say(f"resuming {folder} after epoch {snapshot.epoch}")
-        env.set_state(snapshot.env)
         if not env.exact_restore:
             log.say(f"{env.name} cannot be put back into a state: its bodies start anew")
-            snapshot = snapshot._replace(observations=env.reset()[0])
-    learner = compiled(config)
 
     while snapshot.epoch < config.epochs:
         epoch, before = snapshot.epoch + 1, time.perf_counter()
-        collected = collect(config, env, learner, snapshot, interrupted)
-        if collected is None:
+        done = collect(learner, groups, snapshot)
+        if done is None:
             saved = _save(config, env, folder, snapshot)
             log.say(f"stopped; {saved} holds the run after epoch {epoch - 1}")
             raise KeyboardInterrupt
-        agent, steps, observations = collected
+        agent, collected = done
+        steps = collected.steps
         agent = learner.observe(agent, to_device(steps))
         jax.block_until_ready(agent.replay.size)
 
@@ -131,7 +141,7 @@ def _run(
             log.say(f"left out {problem}")
 
         visited = coverage.visit(snapshot.visited, steps.next_observations, *bounds(env))
-        snapshot = Snapshot(agent, env.get_state(), observations, visited)
+        snapshot = Snapshot(agent, collected.env, collected.observations, visited)
         metrics |= world_metrics(config, env, steps, snapshot)
         if config.evaluation_period and epoch % config.evaluation_period == 0:
             metrics |= _evaluation_metrics(_agent(config, env, snapshot))

@@ -22,7 +22,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import PRESETS, preset
 
-FORMAT = 3
+FORMAT = 4
 _LOCK = ".lock"
 _PACKAGES = ("everystate", "jax", "jaxlib", "equinox", "flowjax", "optax", "mujoco", "numpy")
 
