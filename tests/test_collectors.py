@@ -23,6 +23,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import preset
 from everystate.scaling import cluster
+from everystate.scaling import collectors as on_cluster
 from everystate.training import checkpoint, groups, train
 from everystate.training.bodies import make_bodies
 from everystate.training.checkpoint import Snapshot, _to_arrays
