@@ -8,6 +8,7 @@ import logging
 import os
 import socket
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -63,7 +64,10 @@ def _connect(cpus: int, address: str | None) -> None:
     elif address != "auto" and "://" not in address:
         _require_answer(address)
     try:
-        ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
+        with warnings.catch_warnings():
+            # JAX warns of forks; Ray's children run other programs at once.
+            warnings.filterwarnings("ignore", r"os\.fork", RuntimeWarning)
+            ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, ValueError) as error:
         # Ray's own message, of which other versions of Ray or Python are one.
         raise EverystateError(
@@ -134,7 +138,7 @@ class RayCrew(Crew):
         waiting, since = list(hired), time.monotonic()
         while waiting:
             waiting[0].wait(0.2)
-            still = [actor for actor in waiting if not actor.wait(0)]
+            still = [actor for actor in waiting if not actor.wait(0.0)]
             if len(still) < len(waiting):
                 since = time.monotonic()
             elif time.monotonic() - since > START_S:
