@@ -92,7 +92,7 @@ def overhead(rounds: int) -> dict[str, Any]:
 
 def size(tree: Any) -> int:
     """Bytes on the wire."""
-    return len(cloudpickle.dumps(tree))
+    return len(cloudpickle.dumps(tree))  # pyright: ignore[reportPrivateImportUsage]
 
 
 def rates(body: str, counts: Sequence[int], rounds: int) -> dict[str, float]:

@@ -3,6 +3,7 @@
 import logging
 import os
 import socket
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -53,7 +54,10 @@ def connected(address: str | None, cpus: int) -> Iterator[None]:
             " or leave --ray-address out to use this machine alone"
         )
     try:
-        ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
+        with warnings.catch_warnings():
+            # JAX warns of forks; Ray's children run other programs at once.
+            warnings.filterwarnings("ignore", r"os\.fork", RuntimeWarning)
+            ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, ValueError) as error:
         # Ray's own message, of which other versions of Ray or Python are one.
         raise EverystateError(

@@ -80,7 +80,7 @@ class RayCrew(Crew):
         waiting, since = list(hired), time.monotonic()
         while waiting:
             waiting[0].wait(0.2)
-            still = [actor for actor in waiting if not actor.wait(0)]
+            still = [actor for actor in waiting if not actor.wait(0.0)]
             if len(still) < len(waiting):
                 since = time.monotonic()
             elif time.monotonic() - since > START_S:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
+import numpy as np
 from jaxtyping import Array, Float
 
 from everystate import algorithm
@@ -18,6 +19,7 @@ from everystate.learning.keys import named
 from everystate.learning.replay import Transitions
 from everystate.training.programs import kept
 
+Observations = Float[Array, "bodies s"] | Float[np.ndarray, "bodies s"]
 Tree = TypeVar("Tree", AgentState, Actor)
 
 
@@ -25,7 +27,7 @@ class Learner(NamedTuple):
     """`draw`, `act`, `observe` and `update` of the algorithm, for one config."""
 
     draw: Callable[[AgentState], Draws]
-    act: Callable[[Actor, Episodes, Draws, Float[Array, "bodies s"]], tuple[Episodes, Array]]
+    act: Callable[[Actor, Episodes, Draws, Observations], tuple[Episodes, Array]]
     """Of all bodies or of a group of them, anywhere."""
     observe: Callable[[AgentState, Transitions], AgentState]
     update: Callable[[AgentState], tuple[AgentState, dict[str, Float[Array, ""]], Fault]]
