@@ -160,6 +160,8 @@ class Config:
     """Sd added to actions when pi is fitted, in units of action."""
 
     # --- The run ---
+    devices: int = 1
+    """Devices, of all hosts together, that share out every minibatch."""
     checkpoint_period: int = 10
     """Epochs between checkpoints."""
     evaluation_period: int = 0
@@ -182,12 +184,22 @@ class Config:
                 f"target_period = {self.target_period} does not divide num_updates = "
                 f"{self.num_updates}: choose a divisor, so that every epoch copies V alike"
             )
+        if self.batch_size % self.devices:
+            raise EverystateError(
+                f"devices = {self.devices} does not divide batch_size = {self.batch_size}: choose "
+                f"a divisor, or a batch_size of {_multiple(self.batch_size, self.devices)}, so "
+                f"that every device has as many examples"
+            )
         ring = self.num_bodies * max(self.steps_per_epoch, self.warmup_steps)
         if self.capacity % self.num_bodies or self.capacity < 2 * ring:
             raise EverystateError(
                 f"capacity = {self.capacity} must be a multiple of num_bodies = {self.num_bodies} "
                 f"and hold at least two collection phases ({2 * ring} items): raise capacity"
             )
+
+
+def _multiple(size: int, of: int) -> int:
+    return -(-size // of) * of
 
 
 def _check_kind(name: str, value: object, kind: Any) -> None:
@@ -251,6 +263,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "state_noise": (0, 10),
     "dynamics_noise": (0, 10),
     "action_noise": (0, 10),
+    "devices": (1, 65_536),
     "checkpoint_period": (1, 10_000_000),
     "evaluation_period": (0, 10_000_000),
 }

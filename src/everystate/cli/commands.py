@@ -52,6 +52,8 @@ def train(argv: list[str], command: str = "train", run_dir: Path | None = None) 
     fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(Config)}
     from everystate import training
 
+    if (options.hosts, options.coordinator, options.host_id) != (1, None, None):
+        training.join(options.hosts, options.coordinator, options.host_id)
     progress = "plain" if options.quiet else True
     return training.train(
         fields.pop("body"), preset=name, run_dir=options.run_dir, progress=progress, **fields

@@ -26,6 +26,13 @@ class Train(Config):
     """Folder of the run, by default runs/BODY-PRESET-seedSEED."""
     quiet: bool = False
     """A plain line every few epochs instead of a progress bar."""
+    hosts: int = 1
+    """Processes that train together, one on each host, all started by the same command; --devices
+    counts the devices of all."""
+    coordinator: str | None = None
+    """HOST:PORT of the first of them, free there and reachable from all; SLURM and others tell."""
+    host_id: int | None = None
+    """Which of them this is, from 0; the first has the run's folder. SLURM and others tell."""
 
 
 @dataclasses.dataclass(frozen=True)

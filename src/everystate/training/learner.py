@@ -16,11 +16,17 @@ from everystate.learning.episodes import Episodes
 from everystate.learning.guard import Fault
 from everystate.learning.keys import named
 from everystate.learning.replay import Transitions
+from everystate.learning.sharding import whole
+from everystate.training import hosts
 from everystate.training.programs import kept
 
 
 class Learner(NamedTuple):
-    """`act`, `observe` and `update` of the algorithm, for one config."""
+    """`act`, `observe` and `update` of the algorithm, for one config.
+
+    Over several devices, `act` is this host's own affair and gives a state that only `observe`
+    takes; all hosts must call the other two alike, where the first one's steps and episodes count.
+    """
 
     act: Callable[[AgentState, Float[Array, "bodies s"]], tuple[AgentState, Array]]
     observe: Callable[[AgentState, Transitions], AgentState]
@@ -51,18 +57,23 @@ def compiled(config: Config) -> Learner:
         state, metrics, fault = algorithm.update(config, state)
         return _arrays(state), metrics, fault
 
+    everywhere = {} if config.devices == 1 else {"out_shardings": whole(config)}
     acting = _of_arrays("act", config, changed_by_act)
-    observing = _of_arrays("observe", config, observed)
-    updating = _of_arrays("update", config, updated, donate_argnums=0)
+    observing = _of_arrays("observe", config, observed, **everywhere)
+    updating = _of_arrays("update", config, updated, donate_argnums=0, **everywhere)
 
     def act(
         state: AgentState, observations: Float[Array, "bodies s"]
     ) -> tuple[AgentState, Float[Array, "bodies a"]]:
         # The rest stays outside: what goes through a program is copied, all of replay at each step.
-        episodes, step, actions = acting(state, observations)
+        # And to the first device: the others would only do the same.
+        held = state if config.devices == 1 else hosts.local(state)
+        episodes, step, actions = acting(held, observations)
         return state._replace(episodes=episodes, step=step), actions
 
     def observe(state: AgentState, steps: Transitions) -> AgentState:
+        changed = hosts.shared(config, (state.episodes, state.step, steps))
+        state, steps = state._replace(episodes=changed[0], step=changed[1]), changed[2]
         return _structure(state)(observing(state, steps))
 
     def update(state: AgentState) -> tuple[AgentState, dict[str, Array], Fault]:

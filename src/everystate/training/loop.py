@@ -18,7 +18,8 @@ from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.presets import preset as preset_of
-from everystate.training import checkpoint, coverage, faults
+from everystate.training import checkpoint, coverage, faults, hosts
+from everystate.training.assist import assist
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import (
     action_size,
@@ -30,7 +31,7 @@ from everystate.training.collection import (
     world_metrics,
 )
 from everystate.training.learner import compiled
-from everystate.training.logging import Log, shown
+from everystate.training.logging import Log, Show, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
 
 
@@ -48,6 +49,9 @@ def train(
     there had been no interruption. A finished run is left as it is. Ctrl-C saves the run as it was
     after its last whole epoch and raises KeyboardInterrupt; a second one gives up at once.
 
+    Where `jax.distributed` has made this process one of several, all of them call this alike: the
+    first trains and has the folder, the others lend their devices until it is done.
+
     Args:
         config_or_body: a `Config`, or the name of a body to be learned under `preset`.
         preset: see `everystate.preset`; unused with a `Config`.
@@ -57,7 +61,8 @@ def train(
 
     Raises:
         EverystateError: a wrong name or value, a run folder that is foreign, of another config or
-            in use, or a run that stopped being finite. Nothing is lost or overwritten.
+            in use, fewer devices than told, a run that stopped being finite, or another host that
+            was lost. Nothing is lost or overwritten.
     """
     if isinstance(config_or_body, Config):
         config = preset_of("quick", **(asdict(config_or_body) | overrides))
@@ -65,18 +70,28 @@ def train(
     else:
         config = preset_of(preset, config_or_body, **overrides)
     keep_compiled_programs()
+    hosts.check(config)
+    path = Path(run_dir or default_run_dir(config, preset))
+    if hosts.leads():
+        with hosts.leading():
+            _lead(config, path, shown(progress))
+    else:
+        assist(config)
+    return path
+
+
+def _lead(config: Config, path: Path, show: Show) -> None:
     options = envs.parse_options(config.body_options)
     env = envs.make(config.body, config.num_bodies, config.seed, **options)
-    with _written(), open_run(Path(run_dir or default_run_dir(config, preset)), config) as folder:
+    with _written(), open_run(path, config) as folder:
         sizes = len(env.state_names), action_size(env)
         snapshot = checkpoint.restore(folder / "checkpoints", config, *sizes)
         done = snapshot.epoch if snapshot else 0
         with (
             _interrupts() as interrupted,
-            Log(folder, done=done, epochs=config.epochs, show=shown(progress)) as log,
+            Log(folder, done=done, epochs=config.epochs, show=show) as log,
         ):
             _run(config, env, folder, snapshot, log, interrupted)
-    return folder
 
 
 def _run(
@@ -100,6 +115,8 @@ def _run(
             log.say(f"{env.name} cannot be put back into a state: its bodies start anew")
             snapshot = snapshot._replace(observations=env.reset()[0])
     learner = compiled(config)
+    hosts.go_on()
+    snapshot = snapshot._replace(agent=hosts.shared(config, snapshot.agent))
 
     while snapshot.epoch < config.epochs:
         epoch, before = snapshot.epoch + 1, time.perf_counter()
@@ -109,6 +126,7 @@ def _run(
             log.say(f"stopped; {saved} holds the run after epoch {epoch - 1}")
             raise KeyboardInterrupt
         agent, steps, observations = collected
+        hosts.go_on()
         agent = learner.observe(agent, to_device(steps))
         jax.block_until_ready(agent.replay.size)
 
@@ -148,12 +166,14 @@ def _run(
 
 def _save(config: Config, env: BodyVectorEnv, folder: Path, snapshot: Snapshot) -> Path:
     agent = _agent(config, env, snapshot)
+    snapshot = snapshot._replace(agent=hosts.local(snapshot.agent))
     return checkpoint.save(folder / "checkpoints", snapshot, agent, config.checkpoint_period)
 
 
 def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
     body = BodyInfo(tuple(env.state_names), action_size(env))
-    return Agent(snapshot.agent.models, snapshot.agent.scale, config, body)
+    models, scale = hosts.local((snapshot.agent.models, snapshot.agent.scale))
+    return Agent(models, scale, config, body)
 
 
 def _evaluation_metrics(agent: Agent) -> dict[str, float]:
