@@ -8,7 +8,7 @@ need not do the same on each, and the wire carries an epoch's transitions once.
 
 import json
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -115,10 +115,16 @@ def shared(config: Config, tree: Any) -> Any:
         return _map(lambda x: jax.device_put(x, whole(config)), tree)
     arrays, static = eqx.partition(tree, eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
-    words = [np.asarray(jax.random.key_data(x) if _is_key(x) else x) for x in leaves]
-    put = [_put(config, word) for word in _from_first(words)]
-    keyed = [jax.random.wrap_key_data(x) if _is_key(y) else x for x, y in zip(put, leaves)]
-    return eqx.combine(jax.tree.unflatten(structure, keyed), static)
+    keys = [jnp.issubdtype(x.dtype, jax.dtypes.prng_key) for x in leaves]
+    numbers = [
+        np.asarray(jax.random.key_data(x) if is_key else x)
+        for x, is_key in zip(leaves, keys, strict=True)
+    ]
+    everywhere = [
+        jax.random.wrap_key_data(_put(config, x)) if is_key else _put(config, x)
+        for x, is_key in zip(_from_first(numbers), keys, strict=True)
+    ]
+    return eqx.combine(jax.tree.unflatten(structure, everywhere), static)
 
 
 def local(tree: Any) -> Any:
@@ -141,9 +147,5 @@ def _put(config: Config, array: np.ndarray) -> jax.Array:
     return jax.make_array_from_callback(array.shape, whole(config), lambda index: array[index])
 
 
-def _map(function: Any, tree: Any) -> Any:
+def _map(function: Callable, tree: Any) -> Any:
     return jax.tree.map(lambda x: function(x) if eqx.is_array(x) else x, tree)
-
-
-def _is_key(array: Any) -> bool:
-    return jnp.issubdtype(array.dtype, jax.dtypes.prng_key)

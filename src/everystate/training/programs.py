@@ -44,8 +44,8 @@ def kept(name: str, config: Config, function: Callable, arguments: tuple, **opti
         **options: of `jax.jit`.
     """
     folder = programs_folder()
-    # FlowJAX's flows hold constants of NumPy, which this JAX cannot export. And what was exported for
-    # several devices would keep neither their order nor which host has which.
+    # FlowJAX's flows hold constants of NumPy, which this JAX cannot export. A program over several
+    # devices would have to be told apart by their number and hosts: JAX's own cache must do there.
     if folder is None or config.flow != "pldu" or "out_shardings" in options:
         return jax.jit(function, **options)
     path = folder / f"{name}-{_digest(name, config, arguments)}.jaxexport"
