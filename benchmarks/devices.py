@@ -33,7 +33,7 @@ STATE_SIZE = 5
 
 
 def reducing(config: Config, models: Models) -> tuple[Any, Any]:
-    """PER_CALL all-reduces, one after the other, of a gradient of each device; and such gradients."""
+    """PER_CALL all-reduces of each device's own gradients, one after the other; and these."""
     share, copy = PartitionSpec(AXIS), PartitionSpec()
     rows = NamedSharding(mesh(config), share)
     gradients = jax.tree.map(
@@ -58,9 +58,8 @@ class Subject:
     def __init__(self, name: str, devices: int) -> None:
         fields = {"num_updates": PER_CALL, "target_period": PER_CALL, "devices": devices}
         config = preset(name, "cartpole", **fields)
-        config_of_one = preset(name, "cartpole", **fields | {"devices": 1})
         self.learner = compiled(config)
-        state = full(config_of_one, STATE_SIZE)
+        state = full(config, STATE_SIZE)
         self.reduce, self.gradients = reducing(config, state.models)
         arrays = jax.tree.leaves(eqx.filter(state.models, eqx.is_inexact_array))
         self.bytes = sum(x.nbytes for x in arrays)
