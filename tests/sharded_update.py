@@ -37,7 +37,7 @@ def result(what: str, devices: int) -> tuple[Any, Any]:
         state, _, rest = step(config, state)
         return eqx.filter(state, eqx.is_array), rest
 
-    everywhere = {} if devices == 1 else {"out_shardings": whole(config)}
+    everywhere: dict[str, Any] = {} if devices == 1 else {"out_shardings": whole(config)}
     return local(jax.jit(changed, **everywhere)(arrays))
 
 

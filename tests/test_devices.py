@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -143,3 +144,13 @@ def test_a_host_that_dies_does_not_leave_the_other_waiting(tmp_path: Path) -> No
     said = "".join(first.communicate(timeout=300))
     assert first.returncode != 0
     assert "host was lost" in said or "another task died" in said
+
+
+@pytest.mark.slow
+def test_ctrl_c_at_the_first_host_saves_and_sends_the_other_home(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    first, second = on_hosts(run, ("--epochs", "100000"), ("--epochs", "100000"))
+    until(lambda: (run / "checkpoints").exists(), seconds=600)
+    first.send_signal(signal.SIGINT)
+    assert "holds the run after epoch" in ended(first, code=130)
+    ended(second)

@@ -8,6 +8,7 @@ need not do the same on each, and the wire carries an epoch's transitions once.
 
 import json
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -38,7 +39,7 @@ def join(hosts: int, coordinator: str | None, host_id: int | None) -> None:
     """
     try:
         jax.distributed.initialize(coordinator, hosts, host_id)
-    except (ValueError, TypeError, RuntimeError) as error:
+    except (ValueError, TypeError, IndexError, RuntimeError) as error:
         problem = " ".join(str(error).split())[:300]
         raise EverystateError(
             f"cannot join {hosts} hosts ({problem}): give each of them --hosts {hosts}, the same "
@@ -70,6 +71,12 @@ def check(config: Config) -> None:
             f"--devices {there}{on_cpu}"
         )
     if hosts > 1:
+        each = Counter(device.process_index for device in jax.devices())
+        if len(set(each.values())) > 1:
+            raise EverystateError(
+                f"the hosts have {', '.join(map(str, each.values()))} devices: hide some from JAX, "
+                f"as by CUDA_VISIBLE_DEVICES, so that each has as many"
+            )
         text = json.dumps(config_to_json(config), sort_keys=True)
         if len(set(multihost_utils.process_allgather(np.uint32(zlib.crc32(text.encode()))))) > 1:
             raise EverystateError(
@@ -80,7 +87,10 @@ def check(config: Config) -> None:
 
 @contextmanager
 def leading() -> Iterator[None]:
-    """At its end, for whatever reason, the other hosts are told that they can go.
+    """At its end, also by an error of ours, the other hosts are told that they can go.
+
+    Any other exception may come in the middle of something that they take part in: JAX ends them
+    when this process ends.
 
     Raises:
         EverystateError: one of them was lost.
@@ -92,10 +102,10 @@ def leading() -> Iterator[None]:
             raise
         problem = " ".join(str(error).split())[:200]
         raise EverystateError(
-            f"another host was lost ({problem}): the last checkpoint is kept; start all hosts "
-            f"again, and the same commands go on from there"
+            f"another host was lost, or something failed on all ({problem}): the last checkpoint "
+            f"is kept; start all hosts again, and the same commands go on from there"
         ) from error
-    except BaseException:
+    except EverystateError:
         with suppress(jax.errors.JaxRuntimeError):  # They may have met the same, and be gone.
             go_on(False)
         raise

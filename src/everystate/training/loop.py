@@ -74,13 +74,16 @@ def train(
     path = Path(run_dir or default_run_dir(config, preset))
     if hosts.leads():
         with hosts.leading():
-            _lead(config, path, shown(progress))
+            stopped = _lead(config, path, shown(progress))
+        if stopped:
+            raise KeyboardInterrupt
     else:
         assist(config)
     return path
 
 
-def _lead(config: Config, path: Path, show: Show) -> None:
+def _lead(config: Config, path: Path, show: Show) -> bool:
+    """Trains, and returns whether Ctrl-C was pressed."""
     options = envs.parse_options(config.body_options)
     env = envs.make(config.body, config.num_bodies, config.seed, **options)
     with _written(), open_run(path, config) as folder:
@@ -92,6 +95,7 @@ def _lead(config: Config, path: Path, show: Show) -> None:
             Log(folder, done=done, epochs=config.epochs, show=show) as log,
         ):
             _run(config, env, folder, snapshot, log, interrupted)
+            return interrupted()
 
 
 def _run(
@@ -123,8 +127,7 @@ def _run(
         collected = collect(config, env, learner, snapshot, interrupted)
         if collected is None:
             saved = _save(config, env, folder, snapshot)
-            log.say(f"stopped; {saved} holds the run after epoch {epoch - 1}")
-            raise KeyboardInterrupt
+            return log.say(f"stopped; {saved} holds the run after epoch {epoch - 1}")
         agent, steps, observations = collected
         hosts.go_on()
         agent = learner.observe(agent, to_device(steps))
@@ -160,8 +163,6 @@ def _run(
             save_samples(folder / "samples", steps, snapshot)
             _save(config, env, folder, snapshot)
     log.say(f"finished: {folder}")
-    if interrupted():
-        raise KeyboardInterrupt
 
 
 def _save(config: Config, env: BodyVectorEnv, folder: Path, snapshot: Snapshot) -> Path:
