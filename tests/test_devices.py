@@ -141,6 +141,7 @@ def test_a_host_that_dies_does_not_leave_the_other_waiting(tmp_path: Path) -> No
     first, second = on_hosts(run, ("--epochs", "100000"), ("--epochs", "100000"))
     until(lambda: (run / "checkpoints").exists(), seconds=600)
     second.kill()
+    second.communicate()
     said = "".join(first.communicate(timeout=300))
     assert first.returncode != 0
     assert "host was lost" in said or "another task died" in said
