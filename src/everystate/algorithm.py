@@ -27,6 +27,7 @@ from everystate.learning.networks import Value
 from everystate.learning.policy import Policy, improve
 from everystate.learning.practice import practise
 from everystate.learning.replay import Transitions
+from everystate.learning.sharding import joined, split
 from everystate.learning.value import lowest
 
 Metrics = dict[str, Float[Array, "*updates"]]
@@ -239,7 +240,8 @@ def update_once(
 ) -> tuple[AgentState, Metrics, guard.Batch]:
     """The body of Algorithm 1's `for update`, with all models stepping at once [D11]."""
     models = state.models
-    minibatch = rb.sample(config, state.replay, key=named(key, "replay"))
+    drawn = joined(config, rb.sample(config, state.replay, key=named(key, "replay")))
+    minibatch = split(config, drawn)
     states, goals, t = minibatch.states, minibatch.goals, minibatch.transitions
 
     # s_c ~ c(s|g) takes the place of s where f makes that likely enough.
@@ -264,7 +266,8 @@ def update_once(
     models, optimisers, practice = practise(
         config, models, optimisers, state.replay, key=named(key, "practice")
     )
-    replay = rb.refresh(config, state.replay, minibatch, -lp_goal, -lp_before - lp_after)
+    lp_goal, lp_before, lp_after = joined(config, (lp_goal, lp_before, lp_after))
+    replay = rb.refresh(config, state.replay, drawn, -lp_goal, -lp_before - lp_after)
     metrics = {f"loss/{name}": loss for name, loss in losses.items()} | norms | practice
     metrics |= {
         "value/target": improvement.value.mean(),
@@ -275,4 +278,4 @@ def update_once(
         "curriculum/used": use.mean(dtype=jnp.float32),
     }
     state = state._replace(models=models, optimisers=optimisers, replay=replay)
-    return state, metrics, guard.Batch(minibatch, starts, improvement.action, improvement.value)
+    return state, metrics, guard.Batch(drawn, starts, improvement.action, improvement.value)

@@ -162,6 +162,8 @@ class Config:
     """Sd added to actions when pi is fitted, in units of action."""
 
     # --- The run ---
+    devices: int = 1
+    """Devices, of all hosts together, that share out every minibatch."""
     checkpoint_period: int = 10
     """Epochs between checkpoints."""
     evaluation_period: int = 0
@@ -190,6 +192,12 @@ class Config:
                 f"choose {_nearest_divisor(self.num_bodies, self.collectors)}, so that each has as "
                 f"many bodies"
             )
+        if self.batch_size % self.devices:
+            raise EverystateError(
+                f"devices = {self.devices} does not divide batch_size = {self.batch_size}: choose "
+                f"a divisor, or a batch_size of {_multiple(self.batch_size, self.devices)}, so "
+                f"that every device has as many examples"
+            )
         ring = self.num_bodies * max(self.steps_per_epoch, self.warmup_steps)
         if self.capacity % self.num_bodies or self.capacity < 2 * ring:
             raise EverystateError(
@@ -201,6 +209,10 @@ class Config:
 def _nearest_divisor(number: int, wanted: int) -> int:
     divisors = (d for d in range(1, number + 1) if number % d == 0)
     return min(divisors, key=lambda d: abs(d - wanted))
+
+
+def _multiple(size: int, of: int) -> int:
+    return -(-size // of) * of
 
 
 def _check_kind(name: str, value: object, kind: Any) -> None:
@@ -265,6 +277,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "state_noise": (0, 10),
     "dynamics_noise": (0, 10),
     "action_noise": (0, 10),
+    "devices": (1, 65_536),
     "checkpoint_period": (1, 10_000_000),
     "evaluation_period": (0, 10_000_000),
 }

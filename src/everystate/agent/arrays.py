@@ -50,14 +50,14 @@ def with_arrays(tree: Any, arrays: Mapping[str, Any]) -> Any:
 
 
 def own(array: Any) -> Array:
-    """A copy with memory of its own, no weak dtype, and fixed to the first device.
+    """A copy with memory of its own, no weak dtype, and fixed to this host's first device.
 
     An update takes over the memory of its arguments; and for arrays of a weak dtype, or fixed to no
     device, it would be compiled once more than for its results, which are neither.
     """
     is_key = jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
     copy = array if is_key else jnp.array(array, array.dtype)
-    return jax.device_put(copy, jax.devices()[0])
+    return jax.device_put(copy, jax.local_devices()[0])
 
 
 def _is_array(leaf: Any) -> bool:

@@ -54,6 +54,8 @@ def train(argv: list[str], command: str = "train", run_dir: Path | None = None) 
     fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(Config)}
     from everystate import training
 
+    if (options.hosts, options.coordinator, options.host_id) != (1, None, None):
+        training.join(options.hosts, options.coordinator, options.host_id)
     body, how = fields.pop("body"), {"progress": "plain" if options.quiet else True}
     with _crew(options.collectors, options.ray_address) as how["crew"]:
         return training.train(body, preset=name, run_dir=options.run_dir, **how, **fields)

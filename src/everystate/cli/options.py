@@ -29,6 +29,13 @@ class Train(Config):
     ray_address: str | None = None
     """Head of the Ray cluster for --collectors, HOST:PORT, or auto for this machine's; by default
     Ray is started on this machine, and stopped in the end."""
+    hosts: int = 1
+    """Processes that train together, one on each host, all started by the same command; --devices
+    counts the devices of all."""
+    coordinator: str | None = None
+    """HOST:PORT of the first of them, free there and reachable from all; SLURM and others tell."""
+    host_id: int | None = None
+    """Which of them this is, from 0; the first has the run's folder. SLURM and others tell."""
 
 
 @dataclasses.dataclass(frozen=True)

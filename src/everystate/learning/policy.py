@@ -1,18 +1,20 @@
 """Safe policy improvement: `Update_Value_Function_and_Policy` up to v_targ (4.3, Algorithm 1)."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from flowjax.distributions import AbstractTransformed
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.flows import ConditionalFlow, FlowJAXConditionalFlow, decode, frozen
 from everystate.learning.rewards import closeness, place
 from everystate.learning.search import best_worst_case, blocked
+from everystate.learning.sharding import on_each_device
 from everystate.learning.value import backup
 
 
@@ -76,6 +78,20 @@ def improve(
         floor: lowest value that V_targ can have [D4].
         key: random key.
     """
+    keys = jax.random.split(key, states.shape[0])
+    known = models, target_value, floor
+    return on_each_device(config, partial(_improve, config), known, states, goals, keys)
+
+
+def _improve(
+    config: Config,
+    known: tuple[Any, Callable, Float[Array, ""]],
+    states: Float[Array, "pairs s"],
+    goals: Float[Array, "pairs s"],
+    keys: Key[Array, " pairs"],
+) -> Improvement:
+    """`improve` of some of the (s, g), given the models, V_targ and the floor."""
+    models, target_value, floor = known
     state_flow = frozen(models.state_flow)
 
     def returns(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
@@ -86,7 +102,6 @@ def improve(
     def proposed(s: Array, g: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
         return propose(config, models, returns, s, g, key=key)
 
-    keys = jax.random.split(key, states.shape[0])
     candidates, next_states = jax.vmap(proposed)(states, goals, keys)
     evaluate = blocked(returns)
     every = jnp.arange(states.shape[0], dtype=jnp.int32)

@@ -12,6 +12,7 @@ from everystate.learning.keys import named
 from everystate.learning.losses import dynamics_loss
 from everystate.learning.models import Models, step_one, trainable
 from everystate.learning.replay import Transitions
+from everystate.learning.sharding import split
 
 
 def practise(
@@ -37,6 +38,7 @@ def practise(
         carry: tuple[Dynamics, optax.OptState], now: tuple[Transitions, PRNGKeyArray]
     ) -> tuple[tuple[Dynamics, optax.OptState], tuple[Float[Array, ""], Float[Array, ""]]]:
         (arrays, optimiser), (batch, key) = carry, now
+        batch = split(config, batch)
         dynamics = eqx.combine(arrays, static)
 
         def loss(new: Dynamics) -> Float[Array, ""]:

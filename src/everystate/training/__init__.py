@@ -1,5 +1,6 @@
 """Training: the loop around the algorithm, and what it keeps on disk."""
 
+from everystate.training.hosts import join
 from everystate.training.loop import train
 
-__all__ = ["train"]
+__all__ = ["join", "train"]

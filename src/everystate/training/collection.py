@@ -16,7 +16,7 @@ from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.learning.replay import Transitions
-from everystate.training import coverage
+from everystate.training import coverage, hosts
 from everystate.training.bodies import Steps
 from everystate.training.checkpoint import Snapshot
 from everystate.training.groups import Collected, Groups
@@ -52,13 +52,13 @@ def collect(
 
     The snapshot stays as it is: an interrupted epoch can be forgotten.
     """
-    agent = snapshot.agent
+    agent = hosts.local(snapshot.agent)
     actor, draws = actor_of(agent), learner.draw(agent)
     done = groups.collect(actor, agent.episodes, draws, snapshot.observations, snapshot.env)
     if done is None:
         return None
     collected, episodes = done
-    return agent._replace(episodes=jax.tree.map(own, episodes)), collected
+    return snapshot.agent._replace(episodes=jax.tree.map(own, episodes)), collected
 
 
 def world_metrics(

@@ -17,6 +17,8 @@ from everystate.learning.episodes import Episodes
 from everystate.learning.guard import Fault
 from everystate.learning.keys import named
 from everystate.learning.replay import Transitions
+from everystate.learning.sharding import whole
+from everystate.training import hosts
 from everystate.training.programs import kept
 
 Observations = Float[Array, "bodies s"] | Float[np.ndarray, "bodies s"]
@@ -24,7 +26,11 @@ Tree = TypeVar("Tree", AgentState, Actor)
 
 
 class Learner(NamedTuple):
-    """`draw`, `act`, `observe` and `update` of the algorithm, for one config."""
+    """`draw`, `act`, `observe` and `update` of the algorithm, for one config.
+
+    Over several devices and hosts, all must call the last two alike, where the first host's steps
+    and episodes count; the first two are one host's own affair, on one device.
+    """
 
     draw: Callable[[AgentState], Draws]
     act: Callable[[Actor, Episodes, Draws, Observations], tuple[Episodes, Array]]
@@ -59,10 +65,13 @@ def compiled(config: Config) -> Learner:
         state, metrics, fault = algorithm.update(config, state)
         return _arrays(state), metrics, fault
 
-    observing = _of_arrays("observe", config, observed)
-    updating = _of_arrays("update", config, updated, donate_argnums=0)
+    everywhere = {} if config.devices == 1 else {"out_shardings": whole(config)}
+    observing = _of_arrays("observe", config, observed, **everywhere)
+    updating = _of_arrays("update", config, updated, donate_argnums=0, **everywhere)
 
     def observe(state: AgentState, steps: Transitions) -> AgentState:
+        episodes, steps = hosts.shared(config, (state.episodes, steps))
+        state = state._replace(episodes=episodes)
         return _structure(state)(observing(state, steps))
 
     def update(state: AgentState) -> tuple[AgentState, dict[str, Array], Fault]:

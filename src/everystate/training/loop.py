@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +19,8 @@ from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.presets import preset as preset_of
-from everystate.training import checkpoint, coverage, faults
+from everystate.training import checkpoint, coverage, faults, hosts
+from everystate.training.assist import assist
 from everystate.training.bodies import make_bodies
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import (
@@ -52,6 +54,9 @@ def train(
     there had been no interruption. A finished run is left as it is. Ctrl-C saves the run as it was
     after its last whole epoch and raises KeyboardInterrupt; a second one gives up at once.
 
+    Where `jax.distributed` has made this process one of several, all of them call this alike: the
+    first trains and has the folder, the others lend their devices until it is done.
+
     Args:
         config_or_body: a `Config`, or the name of a body to be learned under `preset`.
         preset: see `everystate.preset`; unused with a `Config`.
@@ -64,7 +69,8 @@ def train(
 
     Raises:
         EverystateError: a wrong name or value, a run folder that is foreign, of another config or
-            in use, or a run that stopped being finite. Nothing is lost or overwritten.
+            in use, fewer devices than told, a run that stopped being finite, or another host that
+            was lost. Nothing is lost or overwritten.
     """
     if isinstance(config_or_body, Config):
         config = preset_of("quick", **(asdict(config_or_body) | overrides))
@@ -72,23 +78,36 @@ def train(
     else:
         config = preset_of(preset, config_or_body, **overrides)
     keep_compiled_programs()
+    hosts.check(config)
+    path = Path(run_dir or default_run_dir(config, preset))
+    log = partial(Log, epochs=config.epochs, show=shown(progress), on_epoch=on_epoch)
+    if hosts.leads():
+        with hosts.leading():
+            stopped = _lead(config, path, crew, log)
+        if stopped:
+            raise KeyboardInterrupt
+    else:
+        assist(config)
+    return path
+
+
+def _lead(config: Config, path: Path, crew: Crew | None, make_log: Callable[..., Log]) -> bool:
+    """Trains, and returns whether Ctrl-C was pressed."""
     # With a crew, only to know what they are like: theirs may be robots.
     env = make_bodies(config, 1 if crew else size_of(config))
-    with _written(), open_run(Path(run_dir or default_run_dir(config, preset)), config) as folder:
+    with _written(), open_run(path, config) as folder:
         sizes = len(env.state_names), action_size(env)
         snapshot = checkpoint.restore(folder / "checkpoints", config, *sizes)
         done = snapshot.epoch if snapshot else 0
         with (
             _interrupts() as interrupted,
-            Log(
-                folder, done=done, epochs=config.epochs, show=shown(progress), on_epoch=on_epoch
-            ) as log,
+            make_log(folder, done=done) as log,
         ):
             learner = compiled(config)
             crew = crew or InProcess(learner, env, interrupted)
             groups = Groups(config, crew, interrupted)
             _run(config, env, learner, groups, folder, snapshot, log, interrupted)
-    return folder
+            return interrupted()
 
 
 def _run(
@@ -106,23 +125,25 @@ def _run(
         log.say(f"training in {folder}")
         snapshot = warm_up(config, env, groups)
         if snapshot is None:
-            raise KeyboardInterrupt
+            return
     elif snapshot.epoch == config.epochs:
         return log.say(f"{folder} is finished: nothing to do")
     else:
         log.say(f"resuming {folder} after epoch {snapshot.epoch}")
         if not env.exact_restore:
             log.say(f"{env.name} cannot be put back into a state: its bodies start anew")
+    hosts.go_on()
+    snapshot = snapshot._replace(agent=hosts.shared(config, snapshot.agent))
 
     while snapshot.epoch < config.epochs:
         epoch, before = snapshot.epoch + 1, time.perf_counter()
         done = collect(learner, groups, snapshot)
         if done is None:
             saved = _save(config, env, folder, snapshot)
-            log.say(f"stopped; {saved} holds the run after epoch {epoch - 1}")
-            raise KeyboardInterrupt
+            return log.say(f"stopped; {saved} holds the run after epoch {epoch - 1}")
         agent, collected = done
         steps = collected.steps
+        hosts.go_on()
         agent = learner.observe(agent, to_device(steps))
         jax.block_until_ready(agent.replay.size)
 
@@ -156,18 +177,18 @@ def _run(
             save_samples(folder / "samples", steps, snapshot)
             _save(config, env, folder, snapshot)
     log.say(f"finished: {folder}")
-    if interrupted():
-        raise KeyboardInterrupt
 
 
 def _save(config: Config, env: BodyVectorEnv, folder: Path, snapshot: Snapshot) -> Path:
     agent = _agent(config, env, snapshot)
+    snapshot = snapshot._replace(agent=hosts.local(snapshot.agent))
     return checkpoint.save(folder / "checkpoints", snapshot, agent, config.checkpoint_period)
 
 
 def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
     body = BodyInfo(tuple(env.state_names), action_size(env))
-    return Agent(snapshot.agent.models, snapshot.agent.scale, config, body)
+    models, scale = hosts.local((snapshot.agent.models, snapshot.agent.scale))
+    return Agent(models, scale, config, body)
 
 
 def _evaluation_metrics(agent: Agent) -> dict[str, float]:

@@ -45,8 +45,9 @@ def kept(name: str, config: Config, function: Callable, arguments: tuple, **opti
         **options: of `jax.jit`.
     """
     folder = programs_folder()
-    # FlowJAX's flows hold constants of NumPy, which this JAX cannot export.
-    if folder is None or config.flow != "pldu":
+    # FlowJAX's flows hold constants of NumPy, which this JAX cannot export. A program over several
+    # devices would have to be told apart by their number and hosts: JAX's own cache must do there.
+    if folder is None or config.flow != "pldu" or "out_shardings" in options:
         return jax.jit(function, **options)
     path = folder / f"{name}-{_digest(name, config, arguments)}.jaxexport"
     try:
