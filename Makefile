@@ -73,7 +73,7 @@ check: setup  ## lint, format, types and the layers
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 
-bench: setup  ## measure speed and memory, one script of benchmarks/ after the other
+bench: scale  ## measure speed and memory, one script of benchmarks/ after the other
 	@set -e; for script in benchmarks/[a-z]*.py; do echo "$$script"; $(BIN)/python "$$script"; done
 
 docs: export NO_MKDOCS_2_WARNING = 1
