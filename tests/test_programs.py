@@ -72,7 +72,7 @@ def test_without_a_folder_to_write_to_it_works_all_the_same(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("flow", "count"), [("pldu", 3), ("coupling-spline", 0)])
+@pytest.mark.parametrize(("flow", "count"), [("pldu", 4), ("coupling-spline", 0)])
 def test_a_run_is_the_same_by_traced_and_by_kept_programs(
     tmp_path: Path, flow: FlowFamily, count: int
 ) -> None:
