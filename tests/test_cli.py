@@ -83,6 +83,7 @@ def test_train_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:
     expected = preset("test", seed=3, batch_size=64, hindsight=False, N=5)
     assert asked.pop("run_dir") == Path("here")
     assert asked.pop("progress") == "plain"
+    assert asked.pop("crew") is None
     assert asked.pop("preset") == "test"
     assert preset("test", **asked) == expected
 
