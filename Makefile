@@ -67,7 +67,7 @@ test-scale: scale  ## run the tests of sweeps and collectors over Ray
 
 check: export PYRIGHT_PYTHON_GLOBAL_NODE = 0
 check: export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1
-check: setup  ## lint, format, types and the layers
+check: scale  ## lint, format, types and the layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright

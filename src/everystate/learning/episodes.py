@@ -39,13 +39,13 @@ def no_episodes(config: Config, state_size: int) -> Episodes:
 def parts(episodes: Episodes, count: int) -> list[Episodes]:
     """Those of `count` equal groups of bodies, in order, each with a tally of its own."""
     leaves = [jnp.split(x, count) for x in episodes[:-1]]
-    return [Episodes(*of_group, jnp.zeros(3)) for of_group in zip(*leaves, strict=True)]
+    return [Episodes._make([*of_group, jnp.zeros(3)]) for of_group in zip(*leaves, strict=True)]
 
 
 def joined(parts: Sequence[Episodes]) -> Episodes:
     """The inverse of `parts`; the tallies are added up."""
     *leaves, tallies = zip(*parts, strict=True)
-    return Episodes(*map(jnp.concatenate, leaves), jnp.stack(tallies).sum(axis=0))
+    return Episodes._make([*map(jnp.concatenate, leaves), jnp.stack(tallies).sum(axis=0)])
 
 
 def advance(

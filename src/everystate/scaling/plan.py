@@ -153,25 +153,26 @@ def read(path: Path) -> Sweep:
 def _sweep(given: Mapping[str, Any]) -> Sweep:
     _require_known(given, {f.name for f in fields(Sweep)}, "")
     bodies, seeds = given.get("bodies", []), given.get("seeds", 1)
+    counted = isinstance(seeds, int) and not isinstance(seeds, bool)
+    listed: Any = list(range(seeds)) if counted else seeds
     if not bodies or not _is_list_of(bodies, str) or len(set(bodies)) < len(bodies):
         raise EverystateError('bodies: list one or more, as in bodies = ["cartpole"]')
-    seeds = list(range(seeds)) if isinstance(seeds, int) and not isinstance(seeds, bool) else seeds
-    if not seeds or not _is_list_of(seeds, int) or len(set(seeds)) < len(seeds):
-        raise EverystateError(f"seeds = {given.get('seeds')}: give how many, or a list of them")
+    if not listed or not _is_list_of(listed, int) or len(set(listed)) < len(listed):
+        raise EverystateError(f"seeds = {seeds}: give how many, or a list of them")
     settings = _table(given, "settings")
     for name in settings:
         _table(settings, name)
         if Path(name).name != name or name.startswith("."):
             raise EverystateError(f"settings.{name}: choose a name that a folder can have")
     search = _search(_table(given, "search")) if "search" in given else None
-    if search and (settings or len(seeds) > 1 or len(bodies) > 1):
+    if search and (settings or len(listed) > 1 or len(bodies) > 1):
         raise EverystateError("search: takes one body, one seed and no settings")
     evaluation = _table(given, "evaluation")
     _require_known(evaluation, Evaluation._fields, "evaluation.")
     return Sweep(
         tuple(bodies),
         given.get("preset", "quick"),
-        tuple(seeds),
+        tuple(listed),
         _table(given, "options"),
         Evaluation(**evaluation),
         settings,
