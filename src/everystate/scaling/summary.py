@@ -1,5 +1,6 @@
 """What a sweep found, from the files in its folder alone."""
 
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -94,5 +95,8 @@ def _summary(folders: Sequence[Path]) -> dict[str, Any]:
 
 def _draw(groups: Groups, path: Path) -> None:
     from everystate.viewing.figures import comparison
+    from everystate.viewing.plots import COLOURS
 
-    comparison(groups, over="epoch").savefig(path, dpi=150)
+    # More could not be told apart; those that are named first are drawn.
+    shown = dict(itertools.islice(groups.items(), len(COLOURS)))
+    comparison(shown, over="epoch").savefig(path, dpi=150)

@@ -90,7 +90,7 @@ def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "step
     for ax in grid[len(panels) + bars :]:
         ax.set_axis_off()
     handles, labels = grid[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(groups))
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(groups), 4))
     return figure
 
 
