@@ -17,14 +17,22 @@ from everystate.learning.replay import Transitions
 @functools.lru_cache(maxsize=8)
 def skeleton(config: Config, state_size: int, action_size: int) -> AgentState:
     """The agent state of a new run, with shapes and dtypes in place of arrays: costs no memory."""
+    # FlowJAX keeps first parameters in functions, where those of a trace must not remain.
+    traced = config.flow == "pldu"
 
     def like(*shape: int) -> Any:
-        return jax.ShapeDtypeStruct(shape, jnp.float32)
+        return jax.ShapeDtypeStruct(shape, jnp.float32) if traced else jnp.zeros(shape)
 
     leading = (config.warmup_steps, config.num_bodies)
     states, actions = like(*leading, state_size), like(*leading, action_size)
     warmup, scale = Transitions(states, actions, states), Scale(like(state_size), like(state_size))
-    return eqx.filter_eval_shape(init, config, warmup, scale, key=jax.random.key(0))
+    key = jax.random.key(0)
+    if traced:
+        return eqx.filter_eval_shape(init, config, warmup, scale, key=key)
+    state = init(config, warmup, scale, key=key)
+    return jax.tree.map(
+        lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype) if eqx.is_array(x) else x, state
+    )
 
 
 def named_arrays(tree: Any) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate import algorithm
 from everystate.agent import own
@@ -121,5 +121,10 @@ def _compiler_options() -> dict[str, str]:
 def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
     """The state before the first epoch."""
     key = named(jax.random.key(config.seed), "agent")
-    make = eqx.filter_jit(lambda warmup, scale, key: algorithm.init(config, warmup, scale, key=key))
+
+    def make(warmup: Transitions, scale: Scale, key: PRNGKeyArray) -> AgentState:
+        return algorithm.init(config, warmup, scale, key=key)
+
+    # FlowJAX keeps first parameters in functions, where those of a trace must not remain.
+    make = eqx.filter_jit(make) if config.flow == "pldu" else make
     return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, make(warmup, scale, key))
