@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 
 import everystate
-from everystate.agent import Agent, BodyInfo, config_from_json, config_to_json, load, named_arrays
+from everystate.agent import (
+    Agent,
+    BodyInfo,
+    config_from_json,
+    config_to_json,
+    load,
+    named_arrays,
+    skeleton,
+    with_arrays,
+)
 from everystate.agent import agent as agent_module
 from everystate.algorithm import Scale
+from everystate.config import FlowFamily
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
 from everystate.learning.replay import Transitions
@@ -178,3 +188,15 @@ def test_the_public_names_are_there() -> None:
         assert getattr(everystate, name).__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = everystate.nothing
+
+
+@pytest.mark.parametrize("flow", ["pldu", "coupling-affine"])
+def test_no_flow_remembers_a_trace(flow: FlowFamily) -> None:
+    """What a new run makes, and what is read from files, must work outside of what made it."""
+    config = preset("test", flow=flow)
+    steps = jnp.zeros((config.warmup_steps, config.num_bodies, 2))
+    state = begin(config, Transitions(steps, steps, steps), Scale(jnp.zeros(2), jnp.ones(2)))
+    read = with_arrays(skeleton(config, 2, 2), named_arrays(state))
+    for models in (state.models, read.models):
+        assert jnp.isfinite(models.state_flow.log_prob(jnp.zeros(2)))
+        assert jnp.isfinite(models.policy(jnp.zeros(2), jnp.ones(2)).log_prob(jnp.zeros(2)))
