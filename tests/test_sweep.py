@@ -206,3 +206,13 @@ def test_that_ray_is_not_installed_is_told(
     assert main(["sweep", str(path), "--out", str(out)]) == 2
     assert "pip install 'ray[tune]' optuna" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_skills_without_planning_have_their_column(tmp_path: Path) -> None:
+    plan = read(write(tmp_path, SMALL))
+    for trial in plan.trials():
+        skills = {"skills": {"climb": 0.4, "cross": 0.8}, "skills_plan": None}
+        keep(trial, tmp_path, evaluated(trial.config.seed, 0.5) | skills)
+    lines = scaling.write(plan, tmp_path).splitlines()
+    assert "| skills, mean |" in lines[0]
+    assert "| 60 |" in lines[2]

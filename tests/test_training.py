@@ -7,7 +7,6 @@ import functools
 import itertools
 import json
 import logging
-import re
 import shutil
 import signal
 import subprocess
@@ -28,10 +27,9 @@ from everystate.algorithm import Draws
 from everystate.errors import EverystateError
 from everystate.learning.guard import Fault
 from everystate.presets import preset
-from everystate.training import checkpoint, coverage, loop, train
+from everystate.training import checkpoint, loop, train
 from everystate.training.learner import Learner
 from everystate.training.logging import Log, read_metrics, shown
-from everystate.training.rundir import open_run
 
 BODY = "ramp-pointmass"
 CONFIG = preset("test")
@@ -241,79 +239,7 @@ def test_metrics_that_are_not_finite_stop_the_run(
     assert read_metrics(tmp_path / "run") == []
 
 
-# --- Folders ---
-
-
-def test_a_foreign_folder_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("mine")
-    with pytest.raises(EverystateError, match="is no run"):
-        quietly(run_dir=tmp_path)
-    with pytest.raises(EverystateError, match="is a file"):
-        quietly(run_dir=tmp_path / "thesis.tex")
-    assert contents(tmp_path) == {"thesis.tex": b"mine"}
-
-
-@pytest.mark.usefixtures("no_learning")
-def test_a_run_of_another_config_is_left_alone(tmp_path: Path) -> None:
-    run = quietly(run_dir=tmp_path / "run", epochs=1)
-    before = contents(run)
-    with pytest.raises(
-        EverystateError, match=r"learning_rate \S+ there and 0.01 here; epochs 1 there and 2 here"
-    ):
-        quietly(run_dir=run, epochs=2, learning_rate=0.01)
-    assert contents(run) == before
-
-
-def test_a_run_has_one_writer(tmp_path: Path) -> None:
-    config = preset("test")
-    with (
-        open_run(tmp_path / "run", config),
-        pytest.raises(EverystateError, match="in use by another"),
-        open_run(tmp_path / "run", config),
-    ):
-        pass
-    with open_run(tmp_path / "run", config):
-        pass
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"config_or_body": "ramp-pointmas"}, "did you mean 'ramp-pointmass'"),
-        ({"preset": "tset"}, "did you mean 'test'"),
-        ({"batchsize": 3}, "did you mean 'batch_size'"),
-        ({"num_bodies": 0}, "num_bodies = 0 is out of range"),
-    ],
-)
-def test_wrong_arguments_write_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: dict[str, Any], message: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    asked: dict[str, Any] = {"config_or_body": BODY, "preset": "test", **arguments}
-    with pytest.raises(EverystateError, match=re.escape(message)):
-        train(**asked)
-    assert not list(tmp_path.iterdir())
-
-
 # --- Parts ---
-
-
-def test_coverage_counts_cells_once() -> None:
-    low, high = np.array([-1.0, 0.0]), np.array([1.0, 2.0])
-    none = coverage.no_cells(low, high)
-    states = np.array([[[-1.0, 0.0], [-0.95, 0.05]], [[1.0, 2.0], [9.0, 9.0]]])
-    visited = coverage.visit(none, states, low, high)
-    assert visited[0, 0]
-    assert visited[-1, -1]
-    assert visited.sum() == 2
-    assert coverage.visit(visited, states, low, high).sum() == 2
-    assert none.sum() == 0, "the grid of a snapshot must not change under it"
-
-
-def test_bodies_too_large_for_a_grid_have_none() -> None:
-    for low, high in ((-np.ones(4), np.ones(4)), (np.array([-np.inf]), np.array([1.0]))):
-        nothing = coverage.no_cells(low, high)
-        assert coverage.visit(nothing, np.zeros((5, low.size)), low, high).size == 0
 
 
 def test_a_bar_is_drawn_only_on_a_terminal() -> None:

@@ -56,7 +56,7 @@ class Trial(NamedTuple):
     """One run of a sweep."""
 
     name: str
-    """Its place below the sweep's folder: SETTING/seedN, or trial-XXXXXXXX of a search."""
+    """Its place below the sweep's folder: SETTING/seedN, or of a search trial-DIGEST."""
     config: Config
     evaluation: Evaluation
 

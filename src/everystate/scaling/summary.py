@@ -32,9 +32,8 @@ def write(plan: Sweep, out: Path) -> str:
         if groups:
             summaries |= {name: _summary(folders) for name, folders in groups.items()}
             tables.append(table({name: summaries[name] for name in groups}))
-            _draw(
-                groups, out / (f"{Path(body).stem}.png" if len(plan.bodies) > 1 else "success.png")
-            )
+            name = Path(body).stem if len(plan.bodies) > 1 else "success"
+            _draw(groups, out / f"{name}.png")
     write_atomically(out / "summary.json", json.dumps(summaries, indent=1) + "\n")
     text = "\n".join(tables)
     write_atomically(out / "table.md", text)
@@ -58,7 +57,7 @@ def table(summaries: Mapping[str, Any]) -> str:
         if planned:
             cells.append(percent(one["success_plan"]["all"]["0.5"]["last"]))
         if skilled:
-            rates = [rate["median"] for rate in (one["skills_plan"] or one["skills"]).values()]
+            rates = [rate["median"] for rate in (one.get("skills_plan") or one["skills"]).values()]
             cells.append(f"{100 * sum(rates) / len(rates):.0f}")
         rows.append([*cells, f"{one['falls_per_1000_steps']['median']:.1f}"])
     return markdown(heads, rows)

@@ -1,0 +1,66 @@
+"""The folder of a run: whose it is, who writes to it, and what is refused before it is there."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from everystate.errors import EverystateError
+from everystate.presets import preset
+from everystate.training import loop, train
+from everystate.training.rundir import open_run
+from test_training import BODY, contents, idle, quietly
+
+
+def test_a_foreign_folder_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(EverystateError, match="is no run"):
+        quietly(run_dir=tmp_path)
+    with pytest.raises(EverystateError, match="is a file"):
+        quietly(run_dir=tmp_path / "thesis.tex")
+    assert contents(tmp_path) == {"thesis.tex": b"mine"}
+
+
+def test_a_run_of_another_config_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "compiled", lambda config: idle())
+    run = quietly(run_dir=tmp_path / "run", epochs=1)
+    before = contents(run)
+    with pytest.raises(
+        EverystateError, match=r"learning_rate \S+ there and 0.01 here; epochs 1 there and 2 here"
+    ):
+        quietly(run_dir=run, epochs=2, learning_rate=0.01)
+    assert contents(run) == before
+
+
+def test_a_run_has_one_writer(tmp_path: Path) -> None:
+    config = preset("test")
+    with (
+        open_run(tmp_path / "run", config),
+        pytest.raises(EverystateError, match="in use by another"),
+        open_run(tmp_path / "run", config),
+    ):
+        pass
+    with open_run(tmp_path / "run", config):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"config_or_body": "ramp-pointmas"}, "did you mean 'ramp-pointmass'"),
+        ({"preset": "tset"}, "did you mean 'test'"),
+        ({"batchsize": 3}, "did you mean 'batch_size'"),
+        ({"num_bodies": 0}, "num_bodies = 0 is out of range"),
+    ],
+)
+def test_wrong_arguments_write_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: dict[str, Any], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked: dict[str, Any] = {"config_or_body": BODY, "preset": "test", **arguments}
+    with pytest.raises(EverystateError, match=re.escape(message)):
+        train(**asked)
+    assert not list(tmp_path.iterdir())
