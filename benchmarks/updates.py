@@ -138,11 +138,12 @@ def torch_update(config: Config, state: AgentState) -> Callable[[], float] | Non
         from _torch_update import TorchLearner
     except ImportError:
         return None
+    torch.set_default_device("cuda" if jax.default_backend() == "gpu" else "cpu")
     torch.manual_seed(0)
     filled = int(state.replay.size)
     rings = state.replay.transitions
     held = (rings.observations, rings.actions, rings.next_observations)
-    peer = TorchLearner(config, *(torch.from_numpy(np.array(x[:filled])) for x in held))
+    peer = TorchLearner(config, *(torch.tensor(np.array(x[:filled])) for x in held))
     return peer.update
 
 
