@@ -159,6 +159,23 @@ def test_settings_are_compared_from_files_alone(
         figures.comparison({"none": [tmp_path]})
 
 
+def test_many_settings_are_dots_and_their_medians(tmp_path: Path) -> None:
+    groups: dict[str, list[Path]] = {"as-it-is": [], "other": []}
+    for name, rates in {"as-it-is": (0.2, 0.4, 1.0), "other": (0.6,)}.items():
+        for seed, rate in enumerate(rates):
+            groups[name].append(tmp_path / name / f"seed{seed}")
+            groups[name][-1].mkdir(parents=True)
+            result = {"success": {"all": {"0.5": {"last": rate}}}}
+            (groups[name][-1] / "evaluation.json").write_text(json.dumps(result))
+    (ax,) = figures.settings(groups).axes
+    drawn = [np.asarray(line.get_xdata()).tolist() for line in ax.lines]
+    assert drawn == [[40.0], [20.0, 40.0, 100.0], [60.0], [60.0], [40.0, 40.0]]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["as-it-is", "other"]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(EverystateError, match=r"no evaluation\.json"):
+        figures.settings({"none": [tmp_path / "empty"]})
+
+
 def test_what_a_body_does_not_have_is_not_drawn(tmp_path: Path) -> None:
     """Without cells to visit there is only the panel of falls; without any fall, no picture."""
     run = fake_run(tmp_path / "run")

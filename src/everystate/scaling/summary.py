@@ -1,6 +1,5 @@
 """What a sweep found, from the files in its folder alone."""
 
-import itertools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -93,9 +92,10 @@ def _summary(folders: Sequence[Path]) -> dict[str, Any]:
 
 
 def _draw(groups: Groups, path: Path) -> None:
-    from everystate.viewing.figures import comparison
+    from everystate.viewing.figures import comparison, settings
     from everystate.viewing.plots import COLOURS
 
-    # More could not be told apart; those that are named first are drawn.
-    shown = dict(itertools.islice(groups.items(), len(COLOURS)))
-    comparison(shown, over="epoch").savefig(path, dpi=150)
+    # More curves could not be told apart.
+    few = len(groups) <= len(COLOURS)
+    figure = comparison(groups, over="epoch") if few else settings(groups)
+    figure.savefig(path, dpi=150)

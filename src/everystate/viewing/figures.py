@@ -127,6 +127,37 @@ def skill_rates(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
 
 
 @styled
+def settings(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
+    """Success@0.5 at the last step in the end, by region: a row per setting, too many for curves.
+
+    Dots are seeds, bars their median; the dashed line is the first setting's.
+
+    Args:
+        groups: label -> folders with an `evaluation.json`.
+    """
+    finals = {label: [_final(Path(f)) for f in folders] for label, folders in groups.items()}
+    regions = list(dict.fromkeys(r for group in finals.values() for f in group for r in f))
+    if not regions:
+        raise EverystateError("no evaluation.json: run `everystate evaluate`")
+    figure = Figure(figsize=(WIDTH, 0.9 + 0.22 * len(finals)))
+    for i, (ax, region) in enumerate(
+        zip(figure.subplots(1, len(regions), sharey=True, squeeze=False)[0], regions, strict=True)
+    ):
+        for row, found in enumerate(finals.values()):
+            values = [100 * one[region] for one in found]
+            ax.plot(np.median(values), row, "|", color=COLOURS[0], markersize=12, mew=2.5)
+            ax.plot(values, [row] * len(values), "o", color=COLOURS[0], markersize=4, alpha=0.5)
+        first = 100 * np.median([one[region] for one in next(iter(finals.values()))])
+        ax.axvline(float(first), color=COLOURS[-1], linestyle="--", linewidth=1)
+        ax.set_title(f"success@0.5, {region}" if i == 0 else region)
+        ax.set_xlim(-4, 104)
+        ax.set_xlabel("%")
+        ax.set_yticks(range(len(finals)), finals)
+    figure.axes[0].invert_yaxis()
+    return figure
+
+
+@styled
 def skills_over_training(runs: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
     """A panel per run: the success rate of every skill at its checkpoints, by epoch."""
     figure = Figure(figsize=(WIDTH, 2.6 * len(runs) + 0.4))
