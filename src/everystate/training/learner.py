@@ -125,6 +125,8 @@ def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
     def make(warmup: Transitions, scale: Scale, key: PRNGKeyArray) -> AgentState:
         return algorithm.init(config, warmup, scale, key=key)
 
+    # Run once: what optimising it would save is far less than it costs.
+    options: dict[str, Any] = {"compiler_options": {"xla_backend_optimization_level": 0}}
     # FlowJAX keeps first parameters in functions, where those of a trace must not remain.
-    make = eqx.filter_jit(make) if config.flow == "pldu" else make
+    make = eqx.filter_jit(make, **options) if config.flow == "pldu" else make
     return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, make(warmup, scale, key))
