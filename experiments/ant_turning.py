@@ -1,8 +1,9 @@
 """Is it V, d or the policy that does not turn? python experiments/ant_turning.py RUN.
 
-Sends ants that face 90 degrees away from their goal, all else alike, by the policy, by planning
-through the learned d, and by the same search through the body's own physics, and writes how far
-from the goal's heading they are after 3 s, in degrees, to `results/ant-notes/RUN/turning.json`.
+Sends ants that face 90 degrees away from their goal, all else alike, by the policy, by the action
+that V(d(s, a)) is steepest towards, by planning through the learned d, and by the same search
+through the body's own physics, and writes how far from the goal's heading they are after 3 s, in
+degrees, to `results/ant-notes/RUN/turning.json`.
 """
 
 import functools
@@ -14,18 +15,44 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from ant_inside import RESULTS, turned
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 import everystate
 from everystate import Agent
 from everystate.envs import make
 from everystate.evaluation import suites
+from everystate.learning.flows import decode
 from everystate.learning.planning import Planning
 from everystate.learning.rewards import closeness
 
 STEPS, HORIZON, CANDIDATES, ROUNDS = 60, 8, 64, 3
 States = Float[np.ndarray, "ants 29"]
 Actions = Float[np.ndarray, "ants 8"]
+
+
+class Ascent:
+    """Steps from the policy's action up the gradient of r + V at what d leads to on average."""
+
+    def __init__(self, agent: Agent, steps: int = 10, size: float = 2.0) -> None:
+        self.agent, self.steps, self.size = agent, steps, size
+        self.climbed = jax.jit(jax.vmap(self._climbed))
+
+    def _climbed(self, state: Array, goal: Array, action: Array) -> Array:
+        config, models = self.agent.config, self.agent.models
+
+        def worth(action: Array) -> Array:
+            after = decode(models.dynamics(state, action), jnp.zeros_like(state))
+            return closeness(config, after, goal) + config.discount * models.value(after, goal)
+
+        def climb(action: Array, _: None) -> tuple[Array, None]:
+            return jnp.clip(action + self.size * jax.grad(worth)(action), -1, 1), None
+
+        return jax.lax.scan(climb, action, None, length=self.steps)[0]
+
+    def __call__(self, states: States, goals: States, step: int) -> Actions:
+        """An action for each ant."""
+        scaled = (self.agent.scale.scaled(jnp.asarray(x)) for x in (states, goals))
+        return np.asarray(self.climbed(*scaled, jnp.asarray(self.agent.act(states, goals))))
 
 
 class TruePlanner:
@@ -71,6 +98,7 @@ def main(run: Path, ants: int = 4) -> None:
     search = Planning(candidates=CANDIDATES, rounds=ROUNDS, horizon=HORIZON)
     ways = {
         "policy": lambda s, g, step: agent.act(s, g),
+        "steepest ascent through d": Ascent(agent),
         "planning": lambda s, g, step: agent.act(s, g, plan=search, seed=step),
         "planning with the true physics": TruePlanner(agent, ants),
     }
