@@ -51,10 +51,10 @@ def full(config: Any, size: int) -> AgentState:
 
     steps = (config.warmup_steps, config.num_bodies)
     states, actions = made_up(*steps), jnp.zeros((*steps, 1))
-    few = Transitions(states, actions, states + 0.1 * made_up(*steps))
+    few = Transitions(states, actions, states + 0.1 * made_up(*steps), states)
     state = begin(config, few, Scale(jnp.zeros(size), jnp.ones(size)))
     before = made_up(config.capacity)
-    rings = Transitions(before, jnp.zeros((config.capacity, 1)), before + 0.1)
+    rings = Transitions(before, jnp.zeros((config.capacity, 1)), before + 0.1, before[:, :0])
     log = jnp.where(jnp.arange(state.replay.states.log.size) < config.capacity, 0.0, -jnp.inf)
     replay = state.replay._replace(
         transitions=rings,
@@ -83,7 +83,7 @@ class Subject:
         self.learner, self.state = compiled(config), full(config, state_size)
         self.observations = jnp.zeros((bodies, state_size))
         steps = jnp.zeros((1, bodies, state_size))
-        self.one = Transitions(steps, jnp.zeros((1, bodies, 1)), steps)
+        self.one = Transitions(steps, jnp.zeros((1, bodies, 1)), steps, steps)
         self.taken: dict[str, list[float]] = {"update_ms": [], "act_ms": [], "epoch_ms": []}
         self.round()
         for times in self.taken.values():  # It compiled.

@@ -36,6 +36,7 @@ SETTINGS = {
     "imagined-goals": short(goals="imagined", m=20),  # D17
     "rarest-goals": short(m=20),  # D17
     "no-hindsight": short(hindsight=False),
+    "pursued-goals": short(pursued_share=0.5, central_share=0.5),  # D24
 }
 
 

@@ -39,7 +39,7 @@ def agent() -> Agent:
     config = preset("test")
     rng = np.random.default_rng(0)
     shape = (config.warmup_steps, config.num_bodies, 2)
-    warmup = Transitions(*(jnp.asarray(rng.normal(size=shape), jnp.float32) for _ in range(3)))
+    warmup = Transitions(*(jnp.asarray(rng.normal(size=shape), jnp.float32) for _ in range(4)))
     scale = Scale(jnp.asarray(CENTRE), jnp.asarray(SPREAD))
     return Agent(begin(config, warmup, scale).models, scale, config, BodyInfo(("x", "speed"), 2))
 
@@ -195,7 +195,7 @@ def test_no_flow_remembers_a_trace(flow: FlowFamily) -> None:
     """What a new run makes, and what is read from files, must work outside of what made it."""
     config = preset("test", flow=flow)
     steps = jnp.zeros((config.warmup_steps, config.num_bodies, 2))
-    state = begin(config, Transitions(steps, steps, steps), Scale(jnp.zeros(2), jnp.ones(2)))
+    state = begin(config, Transitions(steps, steps, steps, steps), Scale(jnp.zeros(2), jnp.ones(2)))
     read = with_arrays(skeleton(config, 2, 2), named_arrays(state))
     for models in (state.models, read.models):
         assert jnp.isfinite(models.state_flow.log_prob(jnp.zeros(2)))

@@ -1,5 +1,6 @@
 """Algorithm 1 as a whole, on a body so simple that nothing else can be at fault."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -23,7 +24,7 @@ def drift(config, key, steps):
     actions = jax.random.uniform(key, shape, minval=-1, maxval=1)
     after = jnp.cumsum(0.1 * actions, axis=0)
     before = jnp.concatenate([jnp.zeros((1, *shape[1:])), after[:-1]])
-    return Transitions(before, actions, after)
+    return Transitions(before, actions, after, after)
 
 
 def start(config):
@@ -184,3 +185,29 @@ def test_dynamics_that_practise_are_learned_sooner():
             last = float(metrics["loss/d"])
         losses.append(last)
     assert losses[1] < losses[0] - 0.1
+
+
+def test_goals_pursued_are_learned_of_where_they_were_pursued():
+    """With share 1 every pair (s, g) is one that a body had; with share 0 the ring keeps none."""
+    config = preset("test", pursued_share=1.0)
+    state = start(config)
+    held = state.replay.transitions
+    assert held.goals.shape == held.observations.shape
+    # At warm-up a body is on its way to where it came.
+    filled = int(state.replay.size)
+    np.testing.assert_array_equal(held.goals[:filled], held.next_observations[:filled])
+    _, _, batch = eqx.filter_jit(algorithm.update_once)(config, state, key=jax.random.key(1))
+    pairs = {tuple(p) for p in np.hstack([held.observations, held.goals])[:filled].tolist()}
+    drawn = np.hstack([batch.starts, batch.minibatch.goals])
+    assert all(tuple(pair) in pairs for pair in drawn.tolist())
+    assert start(preset("test", pursued_share=0.0)).replay.transitions.goals.shape[-1] == 0
+
+
+def test_some_bodies_act_by_the_centre_of_the_policy():
+    config = preset("test", central_share=0.5, num_bodies=100, steps_per_epoch=3)
+    config = dataclasses.replace(config, capacity=4_000)
+    latents = np.asarray(eqx.filter_jit(algorithm.draw)(config, start(config)).latents)
+    central = (latents == 0).all(axis=-1)
+    assert (central == central[0]).all()  # for the whole epoch
+    assert 0.3 < central[0].mean() < 0.7
+    assert (latents[:, ~central[0]] != 0).all()

@@ -22,12 +22,12 @@ def walked(first, steps):
     time, body = np.divmod(np.arange(first * BODIES, (first + steps) * BODIES), BODIES)
     before = jnp.stack([jnp.asarray(body, jnp.float32), jnp.asarray(time, jnp.float32)], axis=1)
     step = jnp.zeros_like(before).at[:, 1].set(1.0)
-    return Transitions(before, before[:, 1:], before + step)
+    return Transitions(before, before[:, 1:], before + step, before[:, :0])
 
 
 def ring(steps, chunk=5):
     """A ring of 40 steps of 10 bodies after so many steps, all weights 1."""
-    replay = rb.empty(CONFIG.capacity, 2, 1)
+    replay = rb.empty(CONFIG, 2, 1)
     for first in range(0, steps, chunk):
         new = walked(first, chunk)
         replay = rb.add(CONFIG, replay, new, jnp.zeros(chunk * BODIES), jnp.zeros(chunk * BODIES))
@@ -51,7 +51,7 @@ def test_the_ring_keeps_the_newest():
 
 def test_weights_enter_their_own_buffers():
     new, weights = walked(0, 1), jnp.arange(10.0)
-    replay = rb.add(CONFIG, rb.empty(400, 2, 1), new, weights, 2 * weights)
+    replay = rb.add(CONFIG, rb.empty(CONFIG, 2, 1), new, weights, 2 * weights)
     np.testing.assert_array_equal(replay.states.log[:10], np.zeros(10))
     np.testing.assert_array_equal(replay.goals.log[:10], weights)
     np.testing.assert_array_equal(replay.of_transitions.log[:10], 2 * weights)
@@ -155,11 +155,11 @@ def test_refresh_writes_only_what_was_drawn():
 
 def test_visited_goals_are_drawn_by_their_weight_as_goals():
     """Of two kinds of state, one a hundred times rarer, both come about equally often."""
-    config = preset("test", weight_temper=1.0, weight_clip=20.0)
+    config = preset("test", weight_temper=1.0, weight_clip=20.0, capacity=500)
     states = jnp.where(jnp.arange(400) < 4, 1.0, 0.0)[:, None]
-    transitions = rb.Transitions(states, jnp.zeros((400, 1)), states)
+    transitions = rb.Transitions(states, jnp.zeros((400, 1)), states, states[:, :0])
     rarity = jnp.where(states[:, 0] == 1.0, jnp.log(99.0), 0.0)
-    replay = rb.add(config, rb.empty(500, 1, 1), transitions, rarity, rarity)
+    replay = rb.add(config, rb.empty(config, 1, 1), transitions, rarity, rarity)
     goals = rb.visited_goals(config, replay, 4000, key=jax.random.key(0))
     assert goals.shape == (4000, 1)
     assert float(goals.mean()) == pytest.approx(0.5, abs=0.05)
@@ -173,11 +173,11 @@ def test_hindsight_does_not_cross_a_break():
     after = before + 1
     before = before.at[10:].add(100.0)  # from step 10 on elsewhere
     after = after.at[10:].add(100.0)
-    replay = rb.empty(40, 1, 1)
+    replay = rb.empty(config, 1, 1)
     replay = rb.add(
         config,
         replay,
-        rb.Transitions(before, jnp.zeros((20, 1)), after),
+        rb.Transitions(before, jnp.zeros((20, 1)), after, after[:, :0]),
         jnp.zeros(20),
         jnp.zeros(20),
     )

@@ -87,7 +87,7 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
         models=models,
         target_value=models.value,
         optimisers=new_optimisers(config, models),
-        replay=rb.empty(config.capacity, state_size, action_size),
+        replay=rb.empty(config, state_size, action_size),
         episodes=ep.no_episodes(config, state_size),
         scale=scale,
         key=key,
@@ -130,9 +130,13 @@ def draw(config: Config, state: AgentState) -> Draws:
             goals=choose_goals(config, state.models, state.replay, key=named(key, "goals")),
             latents=jax.vmap(lambda key: jax.random.normal(key, (action_size,)))(keys),
         )
+        epoch, since = step // config.steps_per_epoch, step // config.wander_steps
+        if config.central_share:
+            key = named(state.key, "central", epoch)
+            central = jax.random.bernoulli(key, config.central_share, (config.num_bodies, 1))
+            draws = draws._replace(latents=jnp.where(central, 0.0, draws.latents))
         if not config.wander_share:
             return draws
-        epoch, since = step // config.steps_per_epoch, step // config.wander_steps
         chosen = named(state.key, "wander", epoch), named(state.key, "wandering", since)
         return draws._replace(
             wanders=jax.random.bernoulli(chosen[0], config.wander_share, (config.num_bodies, 1)),
@@ -179,8 +183,9 @@ def observe(config: Config, state: AgentState, transitions: Transitions) -> Agen
         state.scale.scaled(transitions.observations),
         transitions.actions,
         state.scale.scaled(transitions.next_observations),
+        state.scale.scaled(transitions.goals)[..., : state.replay.transitions.goals.shape[-1]],
     )
-    flat = jax.tree.map(lambda x: x.reshape(-1, x.shape[-1]), scaled)
+    flat = jax.tree.map(lambda x: x.reshape(x.shape[0] * x.shape[1], x.shape[2]), scaled)
     before = state.models.state_flow.log_prob(flat.observations)
     after = state.models.state_flow.log_prob(flat.next_observations)
     return state._replace(replay=rb.add(config, state.replay, flat, -after, -before - after))
@@ -251,6 +256,12 @@ def update_once(
     lp_state, lp_proposed, lp_goal, lp_before, lp_after = models.state_flow.log_prob(scored)
     use = replaced(config, lp_proposed, lp_state, key=named(key, "replace"))
     starts = jnp.where(use[:, None], proposed, states)
+    if config.pursued_share:
+        chance = config.pursued_share, (config.batch_size, 1)
+        pursued = jax.random.bernoulli(named(key, "pursued"), *chance)
+        starts = jnp.where(pursued, t.observations, starts)
+        goals = jnp.where(pursued, t.goals, goals)
+        minibatch = minibatch._replace(goals=goals)
 
     # a_best and v_targ for each (s, g).
     floor = lowest(config, state.copies)
@@ -278,4 +289,8 @@ def update_once(
         "curriculum/used": use.mean(dtype=jnp.float32),
     }
     state = state._replace(models=models, optimisers=optimisers, replay=replay)
-    return state, metrics, guard.Batch(drawn, starts, improvement.action, improvement.value)
+    return (
+        state,
+        metrics,
+        guard.Batch(drawn._replace(goals=goals), starts, improvement.action, improvement.value),
+    )

@@ -84,6 +84,8 @@ class Config:
     """Share of the pairs (s, g) in which s led to g, rather than drawn on its own [D19]."""
     approach_steps: int = 64
     """How many steps before g such an s lies, at most."""
+    pursued_share: float = 0.0
+    """Share of the pairs (s, g) in which a body at s was on its way to g [D24]."""
 
     # --- Value (4.3) ---
     bound_value: bool = True
@@ -110,6 +112,8 @@ class Config:
     """Share of the bodies that act at random for an epoch, whatever their goals [D22]."""
     wander_steps: int = 4
     """Steps for which such a body keeps to an action."""
+    central_share: float = 0.0
+    """Share of the bodies that act by the centre of pi, z = 0, for an epoch [D24]."""
     max_episode_steps: int = 200
     """Cap on an episode's length."""
 
@@ -249,6 +253,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "weight_clip": (0, math.inf),
     "approach_share": (0, 1),
     "approach_steps": (1, 10_000),
+    "pursued_share": (0, 1),
     "discount": (0, 1),
     "absorb": (0, 1),
     "goal_value_weight": (0, 1e3),
@@ -259,6 +264,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "patience": (1, 100_000),
     "wander_share": (0, 1),
     "wander_steps": (1, 1_000_000),
+    "central_share": (0, 1),
     "max_episode_steps": (1, 1_000_000),
     "num_updates": (1, 1_000_000),
     "dynamics_updates": (1, 10_000),

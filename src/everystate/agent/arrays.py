@@ -25,7 +25,8 @@ def skeleton(config: Config, state_size: int, action_size: int) -> AgentState:
 
     leading = (config.warmup_steps, config.num_bodies)
     states, actions = like(*leading, state_size), like(*leading, action_size)
-    warmup, scale = Transitions(states, actions, states), Scale(like(state_size), like(state_size))
+    warmup = Transitions(states, actions, states, states)
+    scale = Scale(like(state_size), like(state_size))
     key = jax.random.key(0)
     if traced:
         return eqx.filter_eval_shape(init, config, warmup, scale, key=key)

@@ -43,7 +43,7 @@ def no_fault(config: Config, transitions: Transitions) -> Fault:
         return row(transitions.observations)
 
     slots = jnp.zeros(config.batch_size, jnp.int32)
-    drawn = Transitions(states(), row(transitions.actions), states())
+    drawn = Transitions(*map(row, transitions))
     minibatch = Minibatch(states(), states(), drawn, states(), slots, slots)
     batch = Batch(minibatch, states(), row(transitions.actions), jnp.zeros(config.batch_size))
     return Fault(jnp.full((), -1, jnp.int32), batch, {})

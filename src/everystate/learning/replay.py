@@ -18,11 +18,13 @@ from everystate.learning.weights import AS_THEY_ARE, Weights, tempering
 
 
 class Transitions(NamedTuple):
-    """Transitions (s, a, s') in scaled units, with any leading axes."""
+    """Transitions (s, a, s') of bodies on their way to g, scaled, with any leading axes."""
 
     observations: Float[Array, "*batch s"]
     actions: Float[Array, "*batch a"]
     next_observations: Float[Array, "*batch s"]
+    goals: Float[Array, "*batch g"]
+    """Of size 0 in a ring that keeps none, as nothing is learned of them [D24]."""
 
 
 class Replay(NamedTuple):
@@ -41,10 +43,11 @@ class Replay(NamedTuple):
         return self.transitions.actions.shape[0]
 
 
-def empty(capacity: int, state_size: int, action_size: int) -> Replay:
+def empty(config: Config, state_size: int, action_size: int) -> Replay:
     """A ring without items."""
-    states = jnp.zeros((capacity, state_size))
-    transitions = Transitions(states, jnp.zeros((capacity, action_size)), jnp.zeros_like(states))
+    capacity, kept = config.capacity, state_size if config.pursued_share else 0
+    sizes = state_size, action_size, state_size, kept
+    transitions = Transitions(*(jnp.zeros((capacity, size)) for size in sizes))
     zero = jnp.zeros((), jnp.int32)
     return Replay(
         transitions,

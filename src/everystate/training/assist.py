@@ -29,7 +29,7 @@ def assist(config: Config) -> None:
     leading = config.steps_per_epoch, config.num_bodies
     states, actions = (np.zeros((*leading, size), np.float32) for size in sizes)
     while hosts.go_on():
-        state = learner.observe(state, to_device(Steps(states, actions, states)))
+        state = learner.observe(state, to_device(Steps(states, actions, states, states)))
         state, *_ = learner.update(state)
 
 

@@ -24,6 +24,8 @@ class Steps(NamedTuple):
     observations: Float32[np.ndarray, "steps bodies s"]
     actions: Float32[np.ndarray, "steps bodies a"]
     next_observations: Float32[np.ndarray, "steps bodies s"]
+    goals: Float32[np.ndarray, "steps bodies s"]
+    """Where the bodies were going; of a warm-up, where they came."""
 
 
 class Block(NamedTuple):
@@ -64,7 +66,7 @@ class Bodies:
         taken = []
         for action in actions:
             reached, after = _step(self._env, action)
-            taken.append((observations, action, reached))
+            taken.append((observations, action, reached, reached))
             observations = after
         return Block(_stacked(taken), observations, self._env.get_state())
 
@@ -95,6 +97,7 @@ class Bodies:
         # What an epoch begins with comes from anywhere; all on one device, it is compiled once.
         actor, episodes = jax.tree.map(_placed, (actor, episodes))
         draws, taken = jax.device_get(draws), []
+        centre, spread = map(np.asarray, actor.scale)
         for step in range(len(draws.goals)):
             if self._interrupted():
                 return None
@@ -102,7 +105,8 @@ class Bodies:
             episodes, acted = self._learner.act(actor, episodes, now, observations)
             actions = np.asarray(acted)
             reached, after = _step(self._env, actions)
-            taken.append((observations, actions, reached))
+            goals = np.asarray(episodes.goals) * spread + centre
+            taken.append((observations, actions, reached, goals))
             observations = after
         return Block(_stacked(taken), observations, self._env.get_state()), episodes
 

@@ -22,7 +22,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import PRESETS, preset
 
-FORMAT = 4
+FORMAT = 5
 _LOCK = ".lock"
 _PACKAGES = ("everystate", "jax", "jaxlib", "equinox", "flowjax", "optax", "mujoco", "numpy")
 
