@@ -33,6 +33,7 @@ def test_backup_is_the_reward_plus_the_value():
     assert target(0.0, -7.0, **absorbing) == -8
     assert target(1.0, -7.0, **absorbing) == 0
     assert target(0.25, -8.0, **absorbing) == -6.75
+    assert target(0.5, -8.0, **absorbing, absorb_power=3) == -7.5
 
     for absorb in (0.0, 0.5, 1.0):
         bounded = {"bound_value": True, "absorb": absorb}

@@ -94,6 +94,8 @@ class Config:
     """Weight of V_targ beside r; at 1 (paper) V counts steps without a horizon [D18]."""
     absorb: float = 0.0
     """Chance that reaching the goal ends the count: 0 is r + V_targ, 1 V(g,g) = 0 [D10]."""
+    absorb_power: int = 1
+    """Power of the reward's partial credit that is this chance: above 1 only nearer counts [D10]."""
     goal_value_weight: float = 1.0
     """Weight of V(g,g)^2 beside (V - v_targ)^2."""
 
@@ -256,6 +258,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "pursued_share": (0, 1),
     "discount": (0, 1),
     "absorb": (0, 1),
+    "absorb_power": (1, 100),
     "goal_value_weight": (0, 1e3),
     "num_bodies": (1, 100_000),
     "collectors": (0, 10_000),

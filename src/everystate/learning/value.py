@@ -15,10 +15,12 @@ def backup(
     here rather than in the network: an output through softplus, once at 0, stayed there.
 
     With `absorb`, V_targ counts only for the share of s' that has not reached g, or gone on from
-    it: eq. 2's V(s, s) = 0 in proportion to the reward's partial credit [D10]. `discount` [D18].
+    it: eq. 2's V(s, s) = 0 in proportion to a power of the reward's partial credit [D10].
+    `discount` [D18].
     """
     value = jnp.clip(value, floor, 0) if config.bound_value else value
-    return near - 1 + config.discount * (1 - config.absorb * near) * value
+    ended = config.absorb * near**config.absorb_power
+    return near - 1 + config.discount * (1 - ended) * value
 
 
 def lowest(config: Config, copies: Int[Array, ""]) -> Float[Array, ""]:
