@@ -13,7 +13,7 @@ from everystate.envs import RampPointmass
 class SlowRamp(RampPointmass):
     """Each body takes its time at each control step, one after the other."""
 
-    wait_ms: float = 1.0
+    wait_ms: float = 20.0
 
     def drive(
         self, actions: Float[np.ndarray, "envs action"], rng: np.random.Generator

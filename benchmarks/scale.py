@@ -1,11 +1,11 @@
 """Collection by collectors on Ray: `python benchmarks/scale.py [--json] [--rounds N]`.
 
 Ramp Pointmass, networks of preset `quick`, 64 bodies. `ratio_one_collector`: seconds to collect an
-epoch by one collector on this machine over those in this process; medians of rounds, in turns. Then
-transitions a second by the number of collectors, all on this machine: of the body as it is, which
-shows what its cores give, and of one that waits 1 ms at every step, as a slow simulator or a robot
-does, which shows what collectors give. Bytes are of what is sent, serialised as Ray does. Needs
-Ray: everystate's extra `scale`.
+epoch by one collector on this machine over those in this process; medians of five times as many
+rounds, in turns. Then transitions a second by the number of collectors, all on this machine: of the
+body as it is, which shows what its cores give, and of one that waits 20 ms at every step, as a slow
+simulator or a robot does, which shows what collectors give. Bytes are of what is sent, serialised
+as Ray does. Needs Ray: everystate's extra `scale`.
 """
 
 import statistics
@@ -30,11 +30,14 @@ from everystate.training.learner import compiled
 
 FAST, SLOW = "ramp-pointmass", "_slow_ramp:SlowRamp"
 BODIES = 64
+SHORT = {"steps_per_epoch": 10, "warmup_steps": 10}
+"""An epoch of bodies that wait."""
 
 
 def config_of(body: str, collectors: int) -> Config:
     """One that many collectors divide."""
-    ramp = preset("quick", FAST, num_bodies=BODIES, capacity=1600 * BODIES)
+    steps = SHORT if body == SLOW else {}
+    ramp = preset("quick", FAST, num_bodies=BODIES, capacity=1600 * BODIES, **steps)
     return replace(ramp, body=body, collectors=collectors)
 
 
@@ -76,7 +79,7 @@ def overhead(rounds: int) -> dict[str, Any]:
     """Of one collector, and what is sent."""
     with on_ray(1) as crew:
         here, there = Collecting(config_of(FAST, 0)), Collecting(config_of(FAST, 1), crew)
-        pairs = [(here.epoch(), there.epoch()) for _ in range(rounds)]
+        pairs = [(here.epoch(), there.epoch()) for _ in range(5 * rounds)]
     transitions = BODIES * here.config.steps_per_epoch
     agent, collected = jax.device_get((actor_of(here.snapshot.agent), here.collected))
     drawn = jax.device_get(here.learner.draw(here.snapshot.agent))

@@ -1,7 +1,7 @@
 """A trained agent: what it does, and how it is kept on disk."""
 
 from everystate.agent.agent import Agent, load
-from everystate.agent.arrays import named_arrays, own, skeleton, with_arrays
+from everystate.agent.arrays import is_array, named_arrays, own, skeleton, with_arrays
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import BodyInfo, config_from_json, config_to_json
 from everystate.agent.performance import Performance, step_seed
@@ -12,6 +12,7 @@ __all__ = [
     "Performance",
     "config_from_json",
     "config_to_json",
+    "is_array",
     "keep_compiled_programs",
     "load",
     "named_arrays",

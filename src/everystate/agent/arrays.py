@@ -38,7 +38,7 @@ def skeleton(config: Config, state_size: int, action_size: int) -> AgentState:
 
 def named_arrays(tree: Any) -> dict[str, Any]:
     """The arrays of a pytree (or what stands for them) by their place in it."""
-    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(tree, _is_array))
+    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(tree, is_array))
     return {jax.tree_util.keystr(path, simple=True, separator="."): x for path, x in leaves}
 
 
@@ -53,7 +53,7 @@ def with_arrays(tree: Any, arrays: Mapping[str, Any]) -> Any:
         form = [(x[name].shape, x[name].dtype) if name in x else None for x in (expected, arrays)]
         if form[0] != form[1]:
             raise ValueError(f"array {name}: expected {form[0]}, found {form[1]}")
-    dynamic, static = eqx.partition(tree, _is_array)
+    dynamic, static = eqx.partition(tree, is_array)
     found = jax.tree.unflatten(jax.tree.structure(dynamic), [arrays[name] for name in expected])
     return eqx.combine(found, static)
 
@@ -69,5 +69,6 @@ def own(array: Any) -> Array:
     return jax.device_put(copy, jax.local_devices()[0])
 
 
-def _is_array(leaf: Any) -> bool:
+def is_array(leaf: Any) -> bool:
+    """Whether it is an array, or stands for one."""
     return isinstance(leaf, jax.ShapeDtypeStruct) or eqx.is_array(leaf)

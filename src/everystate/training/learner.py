@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate import algorithm
-from everystate.agent import own
+from everystate.agent import is_array, own, skeleton
 from everystate.algorithm import Actor, AgentState, Draws, Scale
 from everystate.config import Config
 from everystate.learning.episodes import Episodes
@@ -106,8 +106,8 @@ def _arrays(tree: Any) -> list[Array]:
 
 
 def _structure(tree: Tree) -> Callable[[list[Array]], Tree]:
-    """Puts arrays in the place of a tree's own."""
-    dynamic, static = eqx.partition(tree, eqx.is_array)
+    """Puts arrays in the place of a tree's own, or of their shapes."""
+    dynamic, static = eqx.partition(tree, is_array)
     structure = jax.tree.structure(dynamic)
     return lambda arrays: eqx.combine(jax.tree.unflatten(structure, arrays), static)
 
@@ -120,13 +120,20 @@ def _compiler_options() -> dict[str, str]:
 
 def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
     """The state before the first epoch."""
-    key = named(jax.random.key(config.seed), "agent")
+    arguments = warmup, scale, named(jax.random.key(config.seed), "agent")
 
     def make(warmup: Transitions, scale: Scale, key: PRNGKeyArray) -> AgentState:
         return algorithm.init(config, warmup, scale, key=key)
 
+    if config.flow != "pldu":
+        # FlowJAX keeps first parameters in functions, where those of a trace must not remain.
+        return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, make(*arguments))
+
+    def made(*arguments: Any) -> list[Array]:
+        return _arrays(make(*arguments))
+
     # Run once: what optimising it would save is far less than it costs.
     options: dict[str, Any] = {"compiler_options": {"xla_backend_optimization_level": 0}}
-    # FlowJAX keeps first parameters in functions, where those of a trace must not remain.
-    make = eqx.filter_jit(make, **options) if config.flow == "pldu" else make
-    return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, make(warmup, scale, key))
+    arrays = kept("init", config, made, arguments, **options)(*arguments)
+    like = skeleton(config, warmup.observations.shape[-1], warmup.actions.shape[-1])
+    return _structure(like)([own(x) for x in arrays])

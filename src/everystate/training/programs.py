@@ -20,7 +20,7 @@ from jax import export
 import everystate
 from everystate.agent import config_to_json
 from everystate.agent.compile_cache import programs_folder
-from everystate.algorithm import Draws
+from everystate.algorithm import Draws, Scale
 from everystate.config import Config
 from everystate.learning.episodes import Episodes
 from everystate.learning.guard import Batch, Fault
@@ -30,7 +30,7 @@ _VERSIONS = ("jax", "jaxlib", "equinox", "flowjax", "optax", "numpy")
 _SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_threefry_partitionable")
 
 # The classes that programs take and give, but for states, whose arrays they take and give in a row.
-for _kind in (Batch, Draws, Episodes, Fault, Minibatch, Transitions):
+for _kind in (Batch, Draws, Episodes, Fault, Minibatch, Scale, Transitions):
     export.register_namedtuple_serialization(_kind, serialized_name=f"everystate.{_kind.__name__}")
 
 
