@@ -95,7 +95,7 @@ class Config:
     absorb: float = 0.0
     """Chance that reaching the goal ends the count: 0 is r + V_targ, 1 V(g,g) = 0 [D10]."""
     absorb_power: int = 1
-    """Power of the reward's partial credit that is this chance: above 1 only nearer counts [D10]."""
+    """Power of κ that this chance is: above 1 the count ends only nearer to the goal [D10]."""
     goal_value_weight: float = 1.0
     """Weight of V(g,g)^2 beside (V - v_targ)^2."""
 
