@@ -82,6 +82,15 @@ def test_the_goals_of_an_epoch_are_those_chosen_step_by_step():
         np.testing.assert_allclose(goals, expected, rtol=1e-5, atol=1e-6)
 
 
+def test_an_oracles_goals_fill_the_box_of_all_states():
+    config = preset("test", goals="uniform", m=1, steps_per_epoch=20)
+    goals = eqx.filter_jit(algorithm.draw)(config, start(config)).goals.reshape(-1, 2)
+    assert np.abs(goals).max() <= np.sqrt(3)
+    np.testing.assert_allclose(np.std(goals, axis=0), 1, atol=0.15)
+    quarters = {tuple(np.sign(goal)) for goal in np.asarray(goals)}
+    assert len(quarters) == 4
+
+
 def test_same_seed_same_update_bit_for_bit():
     config = preset("test")
     update = eqx.filter_jit(algorithm.update)

@@ -28,9 +28,9 @@ class Config:
     # --- Goals (4.1) ---
     m: int = 20
     """m: goals decoded from f per choice, of which the least likely is kept."""
-    goals: Literal["imagined", "visited", "any-visited"] = "imagined"
+    goals: Literal["imagined", "visited", "any-visited", "uniform"] = "imagined"
     """Where the m come from: decoded from f (paper); drawn from the goal buffer, evenly over the
-    space visited [D17]; or visited states, each as likely as any other."""
+    space visited [D17]; visited states, each as likely as any other; or the box of all states."""
 
     # --- Reward (4.2) ---
     k: float = 100.0

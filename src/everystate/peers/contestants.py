@@ -29,6 +29,10 @@ CONTESTANTS = {
         "the least likely of 100 visited states, as MEGA has it",
         ("--goals", "any-visited", "--m", "100"),
     ),
+    "ours-uniform": Contestant(
+        "states of a box around all there are, as an oracle would",
+        ("--goals", "uniform", "--m", "1"),
+    ),
     "sac-her": Contestant("SAC with hindsight, of Stable-Baselines3"),
     "tqc-her": Contestant("TQC with hindsight, of sb3-contrib"),
     "random": Contestant("uniformly random actions"),
