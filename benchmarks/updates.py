@@ -30,7 +30,7 @@ from everystate.learning import replay as rb
 from everystate.learning.flows import decode
 from everystate.learning.losses import gradients
 from everystate.learning.models import step
-from everystate.learning.policy import improve
+from everystate.learning.policy import Improvement, improve
 from everystate.learning.value import lowest
 from everystate.training.bodies import make_bodies
 from everystate.training.collection import collect, to_device, warm_up
@@ -98,11 +98,14 @@ def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]
         m = minibatch
         return improve(fewer, state.models, state.target_value, m.states, m.goals, floor, key=key)
 
+    def losses(state: AgentState, minibatch: rb.Minibatch, found: Improvement) -> Any:
+        known = state.target_value, floor
+        m = minibatch
+        return gradients(config, state.models, m, m.states, found, *known, key=key)[0]
+
     minibatch = jit(lambda s: rb.sample(config, s.replay, key=key))(state)
     improvement = jit(lambda s, m: best(s, m, config.N))(state, minibatch)
-    gradient = jit(lambda s, m, i: gradients(config, s.models, m, m.states, i, key=key)[0])(
-        state, minibatch, improvement
-    )
+    gradient = jit(losses)(state, minibatch, improvement)
     zeros = jnp.zeros(config.batch_size)
     calls = {
         "replay: drawing": (lambda s: rb.sample(config, s.replay, key=key), (state,)),
@@ -112,10 +115,7 @@ def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]
             lambda s, m: best(s, m, config.N), (state, minibatch)
         ),
         "the same with one rollout each": (lambda s, m: best(s, m, 1), (state, minibatch)),
-        "losses and their gradients": (
-            lambda s, m, i: gradients(config, s.models, m, m.states, i, key=key)[0],
-            (state, minibatch, improvement),
-        ),
+        "losses and their gradients": (losses, (state, minibatch, improvement)),
         "optimiser": (
             lambda s, g: step(config, s.models, g, s.optimisers), (state, gradient)
         ),

@@ -272,7 +272,14 @@ def update_once(
     )
 
     gradient, losses = gradients(
-        config, models, minibatch, starts, improvement, key=named(key, "losses")
+        config,
+        models,
+        minibatch,
+        starts,
+        improvement,
+        state.target_value,
+        floor,
+        key=named(key, "losses"),
     )
     norms = {f"gradient/{n}": optax.tree.norm(getattr(gradient, n)) for n in Models._fields}
     models, optimisers = step(config, models, gradient, state.optimisers)

@@ -55,6 +55,10 @@ class Config:
     """Longest such step per action component, in units of action [D12]."""
     sensor_noise: float = 0.0
     """Sd of noise added to imagined next states, in scaled units (4.3)."""
+    imagined_weight: float = 0.0
+    """Weight, in the policy's loss, of r + V_targ after steps that it imagines [D25]."""
+    imagined_steps: int = 5
+    """How many such steps."""
     hindsight: bool = True
     """Also fit pi(a|s,g) to transitions, with g a state reached later (2.3)."""
     hindsight_steps: int = 1
@@ -245,6 +249,8 @@ _RANGES: dict[str, tuple[float, float]] = {
     "gradient_step": (0, 1e3),
     "max_gradient_step": (0, math.inf),
     "sensor_noise": (0, 10),
+    "imagined_weight": (0, 1e4),
+    "imagined_steps": (1, 100),
     "hindsight_steps": (1, 10_000),
     "p_curric": (0, 1),
     "curriculum_share": (1e-6, 1),

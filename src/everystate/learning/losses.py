@@ -8,8 +8,10 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
+from everystate.learning.imagination import imagined_return
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
+from everystate.learning.networks import Value
 from everystate.learning.policy import Improvement
 from everystate.learning.replay import Minibatch, Transitions
 
@@ -20,6 +22,8 @@ def gradients(
     minibatch: Minibatch,
     starts: Float[Array, "batch s"],
     improvement: Improvement,
+    target_value: Value,
+    floor: Float[Array, ""],
     *,
     key: PRNGKeyArray,
 ) -> tuple[Models, dict[str, Float[Array, ""]]]:
@@ -33,7 +37,9 @@ def gradients(
         minibatch: from the replay buffers.
         starts: s_i, some replaced by the curriculum.
         improvement: a_best and v_targ for each (s_i, g_i).
-        key: for the noise floors [D3].
+        target_value: V_targ(s, g).
+        floor: lowest value that V_targ can have [D4].
+        key: for the noise floors [D3], and for what is imagined [D25].
     """
     goals = minibatch.goals
 
@@ -49,6 +55,18 @@ def gradients(
             "c": curriculum_loss(new, goals, noisy(starts, "c", config.state_noise), weights),
             "V": value_loss(config, new, starts, goals, improvement.value),
         }
+        if config.imagined_weight:
+            gain = imagined_return(
+                config,
+                models,
+                new.policy,
+                target_value,
+                floor,
+                starts,
+                goals,
+                key=named(key, "imagined"),
+            )
+            parts["imagined"] = -config.imagined_weight * gain
         if config.hindsight:
             t = minibatch.transitions
             parts["hindsight"] = policy_loss(

@@ -18,9 +18,17 @@ def backup(
     it: eq. 2's V(s, s) = 0 in proportion to a power of the reward's partial credit [D10].
     `discount` [D18].
     """
-    value = jnp.clip(value, floor, 0) if config.bound_value else value
-    ended = config.absorb * near**config.absorb_power
-    return near - 1 + config.discount * (1 - ended) * value
+    return near - 1 + remaining(config, near) * bounded(config, value, floor)
+
+
+def remaining(config: Config, near: Float[Array, ""]) -> Float[Array, ""]:
+    """The share of what comes after s' that counts."""
+    return config.discount * (1 - config.absorb * near**config.absorb_power)
+
+
+def bounded(config: Config, value: Float[Array, ""], floor: Float[Array, ""]) -> Float[Array, ""]:
+    """V_targ within what it can truly be."""
+    return jnp.clip(value, floor, 0) if config.bound_value else value
 
 
 def lowest(config: Config, copies: Int[Array, ""]) -> Float[Array, ""]:

@@ -1,0 +1,65 @@
+"""What the policy would gain over some imagined steps, which it can climb by itself [D25].
+
+Stochastic value gradients, SVG(n) of Heess et al. (2015), with d as the model.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from everystate.config import Config
+from everystate.learning.flows import decode
+from everystate.learning.models import Models
+from everystate.learning.networks import Value
+from everystate.learning.policy import Policy
+from everystate.learning.rewards import closeness, place
+from everystate.learning.value import bounded, remaining
+
+_FAR = 8.0
+"""Scaled units. d has seen nothing like it, and its gradients there have no end."""
+
+
+def imagined_return(
+    config: Config,
+    models: Models,
+    policy: Policy,
+    target_value: Value,
+    floor: Float[Array, ""],
+    states: Float[Array, "batch s"],
+    goals: Float[Array, "batch s"],
+    *,
+    key: PRNGKeyArray,
+) -> Float[Array, ""]:
+    """Mean over (s, g) of the rewards of `imagined_steps` steps by d, and V_targ after them.
+
+    Args:
+        config: hyper-parameters.
+        models: f and d; what else they have is not used.
+        policy: pi, which acts at every step, by a sample.
+        target_value: V_targ(s, g).
+        floor: lowest value that V_targ can have [D4].
+        states: s, scaled.
+        goals: g, scaled.
+        key: of the samples of pi and d.
+    """
+
+    def of_one(
+        state: Float[Array, " s"], goal: Float[Array, " s"], key: PRNGKeyArray
+    ) -> Float[Array, ""]:
+        def step(carry: tuple[Array, Array, Array], key: PRNGKeyArray) -> tuple:
+            (state, total, weight), (key_action, key_outcome) = carry, jax.random.split(key)
+            actions = policy(state, goal)
+            action = decode(actions, jax.random.normal(key_action, actions.shape))
+            outcomes = models.dynamics(state, jnp.clip(action, -1, 1))
+            after = decode(outcomes, jax.random.normal(key_outcome, outcomes.shape))
+            after = jnp.clip(after, -_FAR, _FAR)
+            near = closeness(config, *(place(config, models.state_flow, x) for x in (after, goal)))
+            total += weight * (near - 1)
+            return (after, total, weight * remaining(config, near)), None
+
+        begun, keys = (state, jnp.zeros(()), jnp.ones(())), jax.random.split(key, steps)
+        (after, total, weight), _ = jax.lax.scan(step, begun, keys)
+        return total + weight * bounded(config, target_value(after, goal), floor)
+
+    steps = config.imagined_steps
+    return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states))).mean()
