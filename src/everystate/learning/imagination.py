@@ -3,15 +3,15 @@
 Stochastic value gradients, SVG(n) of Heess et al. (2015), with d as the model.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.flows import decode
-from everystate.learning.models import Models
-from everystate.learning.networks import Value
-from everystate.learning.policy import Policy
 from everystate.learning.rewards import closeness, place
 from everystate.learning.value import bounded, remaining
 
@@ -21,9 +21,9 @@ _FAR = 8.0
 
 def imagined_return(
     config: Config,
-    models: Models,
-    policy: Policy,
-    target_value: Value,
+    models: Any,
+    policy: Callable,
+    target_value: Callable,
     floor: Float[Array, ""],
     states: Float[Array, "batch s"],
     goals: Float[Array, "batch s"],
@@ -34,7 +34,7 @@ def imagined_return(
 
     Args:
         config: hyper-parameters.
-        models: f and d; what else they have is not used.
+        models: anything with `state_flow` and `dynamics`, as in `Models`.
         policy: pi, which acts at every step, by a sample.
         target_value: V_targ(s, g).
         floor: lowest value that V_targ can have [D4].

@@ -1,0 +1,81 @@
+"""Steps that the policy imagines [D25]: in a world so simple that they can be counted by hand."""
+
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flowjax.distributions import Normal
+
+from everystate.learning.imagination import imagined_return
+from everystate.presets import preset
+
+STEP, CERTAIN = 0.2, jnp.full(2, 1e-6)  # how far an action of 1 leads; no noise to speak of
+STATES, GOALS = jnp.array([[0.0, 0.0], [1.0, -2.0]]), jnp.array([[2.0, 0.1], [1.0, 0.0]])
+NO_FLOOR = jnp.array(-jnp.inf)
+
+
+def world(dynamics=lambda s, a: Normal(s + STEP * a, CERTAIN)):
+    return SimpleNamespace(state_flow=Normal(jnp.zeros(2)), dynamics=dynamics)
+
+
+def policy(gain):
+    """Heads for the goal."""
+    return lambda s, g: Normal(gain * (g - s), CERTAIN)
+
+
+def value(s, g):
+    return -3 * jnp.linalg.norm(s - g)
+
+
+def configured(**fields):
+    defaults = {"reward_space": "state", "k": 0.5, "discount": 0.9, "bound_value": False}
+    return preset("test", **{**defaults, **fields})
+
+
+def imagined(config, gain, models=None, floor=NO_FLOOR):
+    return imagined_return(
+        config, models or world(), policy(gain), value, floor, STATES, GOALS, key=jax.random.key(0)
+    )
+
+
+def by_hand(config, gain, steps):
+    """The mean over both pairs, one step after the other."""
+    totals = []
+    for state, goal in zip(np.array(STATES, float), np.array(GOALS, float), strict=True):
+        total, weight = 0.0, 1.0
+        for _ in range(steps):
+            state = state + STEP * np.clip(gain * (goal - state), -1, 1)
+            near = np.exp(-config.k * ((state - goal) ** 2).sum())
+            total += weight * (near - 1)
+            weight *= config.discount * (1 - config.absorb * near**config.absorb_power)
+        totals.append(total + weight * float(value(jnp.array(state), jnp.array(goal))))
+    return np.mean(totals)
+
+
+@pytest.mark.parametrize("steps", [1, 4])
+def test_the_return_is_the_rewards_on_the_way_and_the_value_at_its_end(steps):
+    config = configured(imagined_steps=steps, absorb=0.5, absorb_power=2)
+    found = imagined(config, 0.8)
+    np.testing.assert_allclose(found, by_hand(config, 0.8, steps), rtol=1e-4)
+
+
+def test_its_gradient_leads_to_the_goal():
+    slope = jax.grad(lambda gain: imagined(configured(imagined_steps=4), gain))
+    assert float(slope(0.1)) > 0
+    assert float(slope(-0.1)) > 0
+
+
+def test_the_value_is_held_within_its_bounds():
+    config = configured(imagined_steps=1, bound_value=True, k=1e6)
+    assert float(imagined(config, 0.0, floor=jnp.array(-2.0))) == pytest.approx(-1 - 0.9 * 2)
+
+
+def test_dynamics_that_lead_nowhere_known_do_no_harm():
+    """Early d multiply the state at each step, and the gradient with it, beyond all numbers."""
+    wild = world(lambda s, a: Normal(1e9 * (s + a), CERTAIN))
+    found = jax.value_and_grad(
+        lambda gain: imagined(configured(imagined_steps=20), gain, models=wild)
+    )(0.5)
+    assert np.isfinite(found).all()
