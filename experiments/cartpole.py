@@ -3,7 +3,8 @@
     python experiments/cartpole.py
 
 `seeds.py` says where everything goes. The figures are `success.png` and `skills.png`, the table
-`settings.md`. `short` is `quick` for fewer epochs; the others have one thing changed from it.
+`settings.md`. `short` is `quick` for fewer epochs; the others have one thing changed from it, but
+for the last two: pursued goals over a whole run, and short with imagined steps besides.
 """
 
 from pathlib import Path
@@ -24,6 +25,7 @@ def short(**change: Any) -> seeds.Setting:
     return seeds.Setting({"epochs": 80, **change}, 3, Evaluation(episodes=40, skills=True))
 
 
+PURSUED = {"pursued_share": 0.5, "central_share": 0.5}  # D24
 SETTINGS = {
     "quick": seeds.Setting({}, 5, Evaluation(skills=True)),
     "short": short(),
@@ -36,7 +38,11 @@ SETTINGS = {
     "imagined-goals": short(goals="imagined", m=20),  # D17
     "rarest-goals": short(m=20),  # D17
     "no-hindsight": short(hindsight=False),
-    "pursued-goals": short(pursued_share=0.5, central_share=0.5),  # D24
+    "pursued-goals": short(**PURSUED),
+    "whole-pursued-goals": seeds.Setting(PURSUED, 5, Evaluation(skills=True)),
+    "imagined-steps": short(
+        **PURSUED, imagined_weight=10.0, imagined_steps=8, not_finite="roll-back"
+    ),  # D25
 }
 
 
@@ -48,6 +54,9 @@ COLUMNS: dict[str, seeds.Column] = {
     "hanging goals held": lambda e: e["success_plan"]["hanging"]["0.5"]["last"],
     "upright goals held": lambda e: e["success_plan"]["upright"]["0.5"]["last"],
     "moving goals passed": lambda e: e["success_plan"]["moving"]["0.5"]["any"],
+    "policy: hanging goals held": lambda e: e["success"]["hanging"]["0.5"]["last"],
+    "policy: upright goals held": lambda e: e["success"]["upright"]["0.5"]["last"],
+    "policy: all goals held": lambda e: e["success"]["all"]["0.5"]["last"],
 }
 
 
