@@ -13,15 +13,29 @@ from everystate.skills import SKILLS
 from everystate.viewing.figures import skill_rates
 
 # The search takes 27 ms an action: 50 of the suite's goals, and 20 starts of every skill.
-SETTINGS = {"quick": seeds.Setting({}, 3, Evaluation(episodes=50, skills=True))}
+_EVALUATION = Evaluation(episodes=50, skills=True)
+IMAGINED = {
+    "pursued_share": 0.5,  # D24
+    "central_share": 0.5,
+    "absorb_power": 6,  # D10
+    "imagined_weight": 50.0,  # D25
+    "imagined_steps": 8,
+    "not_finite": "roll-back",
+    "epochs": 320,
+}
+SETTINGS = {
+    "quick": seeds.Setting({}, 3, _EVALUATION),
+    "imagined-steps": seeds.Setting(IMAGINED, 3, _EVALUATION),
+}
 
 
-def column(name: str) -> seeds.Column:
-    """A skill with planning."""
-    return lambda e: e["skills_plan"][name]
+def column(name: str, by: str = "skills_plan") -> seeds.Column:
+    """A skill with planning, or by the policy."""
+    return lambda e: e[by][name]
 
 
 COLUMNS: dict[str, seeds.Column] = {name: column(name) for name in SKILLS["ant"]}
+COLUMNS |= {f"{name} by the policy": column(name, "skills") for name in SKILLS["ant"]}
 COLUMNS["goals by the policy"] = lambda e: e["success"]["all"]["1"]["any"]
 COLUMNS["goals with planning"] = lambda e: e["success_plan"]["all"]["1"]["any"]
 
