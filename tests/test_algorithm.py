@@ -125,7 +125,7 @@ def test_targets_stay_within_their_bounds():
         assert -(float(state.copies) + 1) <= float(metrics["value/target_min"]) <= 0
 
 
-@pytest.mark.parametrize("name", ["literal", "paper"])
+@pytest.mark.parametrize("name", [pytest.param("literal", marks=pytest.mark.slow), "paper"])
 def test_presets_of_the_paper_run(name):
     small: dict[str, Any] = {
         "capacity": 4000,

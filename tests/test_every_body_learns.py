@@ -39,7 +39,7 @@ def timeless(run: Path) -> list[dict[str, Any]]:
     [
         "cartpole",
         "ant",
-        "gymnasium:Pendulum-v1",
+        pytest.param("gymnasium:Pendulum-v1", marks=pytest.mark.slow),
         pytest.param("gymnasium:Ant-v5", marks=pytest.mark.slow),
     ],
 )

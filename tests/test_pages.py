@@ -73,6 +73,7 @@ def read(page: str, names: dict[str, str]) -> dict[str, Any]:
     return left
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_the_tutorial() -> None:
     left = read("docs/tutorial.md", {})
