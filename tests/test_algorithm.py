@@ -12,6 +12,7 @@ import pytest
 
 from everystate import algorithm
 from everystate.config import FlowFamily
+from everystate.learning.goals import choose_goals
 from everystate.learning.keys import named
 from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
@@ -75,7 +76,7 @@ def test_the_goals_of_an_epoch_are_those_chosen_step_by_step():
     state = start(config)._replace(epoch=jnp.int32(3))
     draws = eqx.filter_jit(algorithm.draw)(config, state)
     assert draws.goals.shape == (4, 10, 2)
-    choose = eqx.filter_jit(algorithm.choose_goals)
+    choose = eqx.filter_jit(choose_goals)
     for i, goals in enumerate(draws.goals):
         key = named(named(state.key, "act", 3 * 4 + i), "goals")
         expected = choose(config, state.models, state.replay, key=key)

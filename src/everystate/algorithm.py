@@ -19,7 +19,7 @@ from everystate.learning import guard
 from everystate.learning import replay as rb
 from everystate.learning.curriculum import replaced
 from everystate.learning.flows import decode
-from everystate.learning.goals import imagined, least_likely, uniform
+from everystate.learning.goals import choose_goals
 from everystate.learning.keys import named
 from everystate.learning.losses import gradients
 from everystate.learning.models import Models, Scale, new_models, new_optimisers, step
@@ -100,22 +100,6 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
 def actor_of(state: AgentState) -> Actor:
     """The part that acts."""
     return Actor(state.models.policy, state.models.value, state.scale)
-
-
-def choose_goals(
-    config: Config, models: Models, replay: rb.Replay, *, key: PRNGKeyArray
-) -> Float[Array, "bodies s"]:
-    """For every body, the least likely under f of m goals from where the config says (4.1)."""
-    flow, count = models.state_flow, config.num_bodies * config.m
-    if config.goals == "imagined":
-        goals = imagined(flow, count, key=key)
-    elif config.goals == "visited":
-        goals = rb.visited_goals(config, replay, count, key=key)
-    elif config.goals == "uniform":
-        goals = uniform(count, flow.shape[0], key=key)
-    else:
-        goals = rb.any_visited(replay, count, key=key)
-    return jax.vmap(lambda g: least_likely(flow, g))(goals.reshape(config.num_bodies, config.m, -1))
 
 
 def draw(config: Config, state: AgentState) -> Draws:

@@ -7,7 +7,26 @@ import jax.numpy as jnp
 from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from everystate.config import Config
+from everystate.learning import replay as rb
 from everystate.learning.flows import decode
+from everystate.learning.models import Models
+
+
+def choose_goals(
+    config: Config, models: Models, replay: rb.Replay, *, key: PRNGKeyArray
+) -> Float[Array, "bodies s"]:
+    """For every body, the least likely under f of m goals from where the config says (4.1)."""
+    flow, count = models.state_flow, config.num_bodies * config.m
+    if config.goals == "imagined":
+        goals = imagined(flow, count, key=key)
+    elif config.goals == "visited":
+        goals = rb.visited_goals(config, replay, count, key=key)
+    elif config.goals == "uniform":
+        goals = uniform(count, flow.shape[0], key=key)
+    else:
+        goals = rb.any_visited(replay, count, key=key)
+    return jax.vmap(lambda g: least_likely(flow, g))(goals.reshape(config.num_bodies, config.m, -1))
 
 
 def imagined(state_flow: AbstractTransformed, m: int, *, key: PRNGKeyArray) -> Float[Array, "m s"]:
