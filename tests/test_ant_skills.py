@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from everystate.envs import make
 from everystate.envs.ant import Ant
 from everystate.skills import ant, skill
 
@@ -62,6 +63,25 @@ def test_walking_is_along_an_axis_of_its_own(name: str, axis: int) -> None:
     ahead = still(100, axes=quarter, velocity=(0.0, 0.6, 0.0))
     assert done("walk-forward", ahead)
     assert not done("walk-sideways", ahead)
+
+
+@pytest.mark.parametrize("name", ["walk-forward", "walk-sideways"])
+def test_joints_that_follow_the_goals_of_walking_walk(name: str) -> None:
+    one, env = skill("ant", name), make("ant", 4, 0)
+    states = [one.starts(np.random.default_rng(0), 4).astype(np.float32)]
+    env.set_observations(states[0])
+    for step in range(one.steps):
+        goal, now = np.array(one.goal(step)), states[-1].astype(float)
+        push = 1.5 * (goal[7:15] - now[:, 7:15]) - 0.15 * now[:, 21:29]
+        states.append(env.step(push.clip(-1, 1))[0])
+    assert one.done(np.stack(states)).all()
+
+
+def test_the_goals_of_spinning_spin() -> None:
+    for name in ("spin-left", "spin-right"):
+        one = skill("ant", name)
+        goals = np.array([one.goal(step) for step in range(one.steps + 1)])
+        assert one.done(goals[:, None]).all()
 
 
 def test_jumping_leaves_the_floor_with_all_four_feet() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flowjax.distributions import Normal
 
-from everystate.learning.imagination import imagined_return
+from everystate.learning.imagination import imagined_returns
 from everystate.presets import preset
 
 STEP, CERTAIN = 0.2, jnp.full(2, 1e-6)  # how far an action of 1 leads; no noise to speak of
@@ -35,9 +35,10 @@ def configured(**fields):
 
 
 def imagined(config, gain, models=None, floor=NO_FLOOR):
-    return imagined_return(
-        config, models or world(), policy(gain), value, floor, STATES, GOALS, key=jax.random.key(0)
-    )
+    models, key = models or world(), jax.random.key(0)
+    return imagined_returns(
+        config, models, policy(gain), value, floor, STATES, GOALS, key=key
+    ).mean()
 
 
 def by_hand(config, gain, steps):

@@ -59,6 +59,8 @@ class Config:
     """Weight, in the policy's loss, of r + V_targ after steps that it imagines [D25]."""
     imagined_steps: int = 5
     """How many such steps."""
+    imagined_targets: float = 0.0
+    """Share of the same return in V's targets; the rest is eq. 2's [D26]."""
     hindsight: bool = True
     """Also fit pi(a|s,g) to transitions, with g a state reached later (2.3)."""
     hindsight_steps: int = 1
@@ -251,6 +253,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "sensor_noise": (0, 10),
     "imagined_weight": (0, 1e4),
     "imagined_steps": (1, 100),
+    "imagined_targets": (0, 1),
     "hindsight_steps": (1, 10_000),
     "p_curric": (0, 1),
     "curriculum_share": (1e-6, 1),

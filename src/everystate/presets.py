@@ -81,6 +81,7 @@ _QUICK_BODIES: dict[str, dict[str, Any]] = {
         "capacity": 300_000,
         "gradient_step": 10.0,
         "wander_share": 0.3,
+        "wander_steps": 6,
         "epochs": 240,
     },
     "ramp-pointmass": {

@@ -19,7 +19,7 @@ _FAR = 8.0
 """Scaled units. d has seen nothing like it, and its gradients there have no end."""
 
 
-def imagined_return(
+def imagined_returns(
     config: Config,
     models: Any,
     policy: Callable,
@@ -29,8 +29,8 @@ def imagined_return(
     goals: Float[Array, "batch s"],
     *,
     key: PRNGKeyArray,
-) -> Float[Array, ""]:
-    """Mean over (s, g) of the rewards of `imagined_steps` steps by d, and V_targ after them.
+) -> Float[Array, " batch"]:
+    """For each (s, g) the rewards of `imagined_steps` steps by d, and V_targ after them.
 
     Args:
         config: hyper-parameters.
@@ -62,4 +62,4 @@ def imagined_return(
         return total + weight * bounded(config, target_value(after, goal), floor)
 
     steps = config.imagined_steps
-    return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states))).mean()
+    return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states)))

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
-from everystate.learning.imagination import imagined_return
+from everystate.learning.imagination import imagined_returns
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
 from everystate.learning.networks import Value
@@ -53,10 +53,10 @@ def gradients(
             "d": dynamics_loss(config, new.dynamics, minibatch.transitions, key=named(key, "d")),
             "pi": policy_loss(new, starts, goals, noisy(improvement.action, "pi", sd=action_sd)),
             "c": curriculum_loss(new, goals, noisy(starts, "c", config.state_noise), weights),
-            "V": value_loss(config, new, starts, goals, improvement.value),
         }
+        targets = improvement.value
         if config.imagined_weight:
-            gain = imagined_return(
+            returns = imagined_returns(
                 config,
                 models,
                 new.policy,
@@ -66,7 +66,10 @@ def gradients(
                 goals,
                 key=named(key, "imagined"),
             )
-            parts["imagined"] = -config.imagined_weight * gain
+            parts["imagined"] = -config.imagined_weight * returns.mean()
+            imagined = jax.lax.stop_gradient(returns)
+            targets += config.imagined_targets * (imagined - targets)
+        parts["V"] = value_loss(config, new, starts, goals, targets)
         if config.hindsight:
             t = minibatch.transitions
             parts["hindsight"] = policy_loss(

@@ -27,6 +27,12 @@ def state(
     return (height, *axes, *joints, *velocity, *turning, *(0.0,) * 8)
 
 
+def _facing(heading: float) -> tuple[float, ...]:
+    """Axes upright."""
+    cosine, sine = float(np.cos(heading)), float(np.sin(heading))
+    return (cosine, sine, 0.0, -sine, cosine, 0.0)
+
+
 def anyhow(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]:
     """Dropped from a height of 0.6 m, in any orientation."""
     states = np.tile(state(0.6, ankles=(LEVEL,) * 4), (num, 1))
@@ -35,12 +41,17 @@ def anyhow(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]
     return states
 
 
+def _standing_ahead(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]:
+    """On its four feet, facing along the world's x axis give or take 0.3 rad."""
+    states = np.tile(state(STANDS), (num, 1))
+    states[:, 1:7] = [_facing(heading) for heading in rng.uniform(-0.3, 0.3, num)]
+    return states
+
+
 def _standing(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]:
     """On its four feet, facing anywhere."""
     states = np.tile(state(STANDS), (num, 1))
-    heading = rng.uniform(-np.pi, np.pi, num)
-    cosine, sine, zero = np.cos(heading), np.sin(heading), np.zeros(num)
-    states[:, 1:7] = np.stack([cosine, sine, zero, -sine, cosine, zero], axis=1)
+    states[:, 1:7] = [_facing(heading) for heading in rng.uniform(-np.pi, np.pi, num)]
     return states
 
 
@@ -87,7 +98,12 @@ def _over_three_seconds(rate: np.ndarray, least: float) -> Bool[np.ndarray, " st
 
 
 def _spin(side: str, way: int) -> Skill:
-    """About the vertical; seen from above, to the left is 1, to the right -1."""
+    """About the vertical; seen from above, to the left is 1, to the right -1.
+
+    After a goal that turns before it, at 1.2 rad/s.
+    """
+    seconds = np.arange(0, 10, 0.2)
+    headings = (way * 1.2 * seconds).tolist()
 
     def done(states: States) -> Bool[np.ndarray, " starts"]:
         heading = np.unwrap(np.arctan2(states[..., 2], states[..., 1]), axis=0)
@@ -95,7 +111,7 @@ def _spin(side: str, way: int) -> Skill:
 
     return Skill(
         text=f"turn to the {side}, seen from above, by 1 rad/s for 3 of 10 s",
-        goals=(state(STANDS, turning=(0.0, 0.0, 1.5 * way)),),
+        goals=tuple(state(STANDS, _facing(heading)) for heading in headings),
         steps=10 * _SECOND,
         starts=_standing,
         done=done,
@@ -103,18 +119,32 @@ def _spin(side: str, way: int) -> Skill:
 
 
 def _walk(name: str, axis: int) -> Skill:
-    """Along an axis of its torso."""
+    """Along an axis of its torso, by goals that trot before it."""
     own = slice(1 + 3 * axis, 4 + 3 * axis)
-    velocity = (0.7, 0.0, 0.0) if axis == 0 else (0.0, 0.7, 0.0)
+    steps = 10 * _SECOND
     return Skill(
         text=f"go along its own {name} axis at 0.5 m/s for 3 of 10 s",
-        goals=(state(STANDS, velocity=velocity),),
-        steps=10 * _SECOND,
-        starts=_standing,
+        goals=tuple(_trot(axis, step) for step in range(steps)),
+        steps=steps,
+        starts=_standing_ahead,
         done=lambda states: _over_three_seconds(
             (states[..., 15:18] * states[..., own]).sum(-1), 0.5
         ),
     )
+
+
+def _trot(axis: int, step: int) -> tuple[float, ...]:
+    """A goal of a trot along the torso's x or y axis, facing along the world's x."""
+    omega = 2 * np.pi * _SECOND / 12  # rad/s: 12 steps to a stride
+    phase = omega * step / _SECOND + np.array([0, np.pi, 0, np.pi])  # diagonal legs together
+    ways = (1, -1, -1, 1) if axis == 0 else (-1, -1, 1, 1)  # in which hips swing back
+    hips, ankles = 0.48 * np.array(ways), 0.59
+    goal = np.array(state(STANDS, velocity=(1.0, 0.0, 0.0) if axis == 0 else (0.0, 1.0, 0.0)))
+    goal[7:15:2] = hips * np.sin(phase)
+    goal[8:15:2] = ankles * np.sin(phase + 2.8)
+    goal[21:29:2] = omega * hips * np.cos(phase)
+    goal[22:29:2] = omega * ankles * np.cos(phase + 2.8)
+    return tuple(goal.tolist())
 
 
 def _flips(states: States) -> Bool[np.ndarray, " starts"]:
@@ -140,7 +170,7 @@ SKILLS = {
     "walk-sideways": _walk("y", 1),
     "jump": Skill(
         text="leave the floor with all of its body",
-        goals=(state(0.9),),
+        goals=(state(0.3, ankles=(LEVEL,) * 4), state(1.2)) * 4,
         steps=5 * _SECOND,
         starts=_standing,
         done=once(_airborne),

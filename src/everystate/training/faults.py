@@ -54,8 +54,8 @@ def _input(inputs: Mapping[str, np.ndarray]) -> str:
             row, *component = np.argwhere(~np.isfinite(array))[0]
             place = f"row {row}, component {component[0]}" if component else f"row {row}"
             return f"its input {name} is {array[row, *component]} in {place}"
-    largest = {
-        name: np.abs(array).max() for name, array in inputs.items() if array.dtype.kind == "f"
-    }
+    # Goals that were pursued have no components where nobody asks for them [D24].
+    numbers = {name: x for name, x in inputs.items() if x.dtype.kind == "f" and x.size}
+    largest = {name: np.abs(array).max() for name, array in numbers.items()}
     name = max(largest, key=largest.__getitem__)
     return f"its inputs are finite, the largest is {largest[name]:.3g} in {name}"
