@@ -1,5 +1,7 @@
 """Targets of the value (eq. 2), and its learning where the number of steps is known."""
 
+from types import SimpleNamespace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,11 +12,21 @@ import pytest
 from everystate.learning.losses import value_loss
 from everystate.learning.models import Models
 from everystate.learning.networks import Value, waves
-from everystate.learning.rewards import closeness
+from everystate.learning.rewards import closeness, placing
 from everystate.learning.value import backup, lowest, steps
 from everystate.presets import preset
 
 PLACES = 6
+
+
+def test_components_count_by_what_a_step_changes_them_by() -> None:
+    models = SimpleNamespace(dynamics=SimpleNamespace(change_scale=jnp.array([0.1, 0.2])))
+    near, far = (placing(preset("test", reward_space=space), models) for space in ("state", "steps"))
+    state = jnp.array([1.0, 1.0])
+    assert near(state).tolist() == [1.0, 1.0]
+    weighted = far(state)
+    assert float(weighted[0] / weighted[1]) == pytest.approx(2)  # half as quick, so twice as far
+    assert float((weighted**2).mean()) == pytest.approx(1)
 
 
 def test_backup_is_the_reward_plus_the_value():

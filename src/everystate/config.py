@@ -35,8 +35,9 @@ class Config:
     # --- Reward (4.2) ---
     k: float = 100.0
     """k: shaping of the reward -1 + exp(-k |dz|^2)."""
-    reward_space: Literal["latent", "state"] = "latent"
-    """Where |dz| is taken: latent space of f (paper) or scaled states, which stay put [D9]."""
+    reward_space: Literal["latent", "state", "steps"] = "latent"
+    """Where |dz| is taken: latent space of f (paper); scaled states, which stay put [D9]; or these
+    in units of what a step changes each component by [D27]."""
     reward_shape: Literal["exponential", "rational"] = "exponential"
     """exp(-k |dz|^2) (paper), or 1 / (1 + k |dz|^2), which is felt from far away [D21]."""
 

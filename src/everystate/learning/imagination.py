@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.flows import decode
-from everystate.learning.rewards import closeness, place
+from everystate.learning.rewards import closeness, placing
 from everystate.learning.value import bounded, remaining
 
 _FAR = 8.0
@@ -53,7 +53,7 @@ def imagined_returns(
             outcomes = models.dynamics(state, jnp.clip(action, -1, 1))
             after = decode(outcomes, jax.random.normal(key_outcome, outcomes.shape))
             after = jnp.clip(after, -_FAR, _FAR)
-            near = closeness(config, *(place(config, models.state_flow, x) for x in (after, goal)))
+            near = closeness(config, place(after), place(goal))
             total += weight * (near - 1)
             return (after, total, weight * remaining(config, near)), None
 
@@ -61,5 +61,5 @@ def imagined_returns(
         (after, total, weight), _ = jax.lax.scan(step, begun, keys)
         return total + weight * bounded(config, target_value(after, goal), floor)
 
-    steps = config.imagined_steps
+    place, steps = placing(config, models), config.imagined_steps
     return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states)))

@@ -11,7 +11,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
 from everystate.learning.policy import score
-from everystate.learning.rewards import closeness, place
+from everystate.learning.rewards import closeness, placing
 
 _LEAST_SPREAD = 0.05  # of refined actions, so that equal elites do not end the search
 
@@ -61,7 +61,8 @@ def plan(
     one can. All sequences share the same noises.
     """
     key_noise, key_policy, key_random, *keys = jax.random.split(key, 2 + planning.rounds)
-    place_goal = place(config, models.state_flow, goal)
+    place = placing(config, models)
+    place_goal = place(goal)
     noises = jax.random.normal(key_noise, (planning.rollouts, planning.horizon, state.size))
 
     def follow(latents: Float[Array, "horizon a"]) -> Float[Array, "horizon a"]:
@@ -79,7 +80,7 @@ def plan(
             def one(s: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
                 action, latent = step
                 after = decode(models.dynamics(s, action), latent)
-                return after, closeness(config, place(config, models.state_flow, after), place_goal)
+                return after, closeness(config, place(after), place_goal)
 
             last, near = jax.lax.scan(one, state, (actions, noise))
             total = models.value(last, goal)

@@ -11,8 +11,8 @@ from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from everystate.config import Config
-from everystate.learning.flows import ConditionalFlow, FlowJAXConditionalFlow, decode, frozen
-from everystate.learning.rewards import closeness, place
+from everystate.learning.flows import ConditionalFlow, FlowJAXConditionalFlow, decode
+from everystate.learning.rewards import closeness, placing
 from everystate.learning.search import best_worst_case, blocked
 from everystate.learning.sharding import on_each_device
 from everystate.learning.value import backup
@@ -92,12 +92,12 @@ def _improve(
 ) -> Improvement:
     """`improve` of some of the (s, g), given the models, V_targ and the floor."""
     models, target_value, floor = known
-    state_flow = frozen(models.state_flow)
+    place = placing(config, models)
 
     def returns(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         """r + V_targ(s', g)."""
-        places = (place(config, state_flow, x) for x in (next_state, goal))
-        return backup(config, closeness(config, *places), target_value(next_state, goal), floor)
+        near = closeness(config, place(next_state), place(goal))
+        return backup(config, near, target_value(next_state, goal), floor)
 
     def proposed(s: Array, g: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
         return propose(config, models, returns, s, g, key=key)

@@ -1,18 +1,36 @@
 """The shaped reward (4.2)."""
 
+from collections.abc import Callable
+from typing import Any
+
+import jax
 import jax.numpy as jnp
-from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float
 
 from everystate.config import Config
-from everystate.learning.flows import encode
+from everystate.learning.flows import encode, frozen
+
+Place = Callable[[Float[Array, " s"]], Float[Array, " s"]]
 
 
-def place(
-    config: Config, state_flow: AbstractTransformed, state: Float[Array, " s"]
-) -> Float[Array, " s"]:
-    """Where the reward sees a scaled state: its latent f_enc(s), or the state itself [D9]."""
-    return encode(state_flow, state) if config.reward_space == "latent" else state
+def placing(config: Config, models: Any) -> Place:
+    """Where the reward sees a scaled state: at its latent f_enc(s), or at the state itself [D9].
+
+    Or at the state with each component in units of what a step changes it by, so that what takes
+    long to change counts for more [D27]; over all components these units have a mean square of 1.
+
+    Args:
+        config: `reward_space`.
+        models: anything with `state_flow` and `dynamics`, as in `Models`.
+    """
+    if config.reward_space == "latent":
+        flow = frozen(models.state_flow)
+        return lambda state: encode(flow, state)
+    if config.reward_space == "steps":
+        weights = 1 / jax.lax.stop_gradient(models.dynamics.change_scale)
+        weights /= jnp.sqrt(jnp.mean(weights**2))
+        return lambda state: state * weights
+    return lambda state: state
 
 
 def closeness(
