@@ -167,8 +167,9 @@ def test_who_wanders_keeps_to_random_actions_for_a_while_and_another_does_as_eve
     np.testing.assert_array_equal(held, wanders[::2])
 
 
-def test_further_steps_of_d_and_imagined_steps_of_pi_move_nothing_else():
-    further = {"dynamics_updates": 6, "imagined_weight": 1.0}
+def test_further_steps_of_d_and_imagined_steps_of_pi_and_v_move_nothing_else():
+    further = {"dynamics_updates": 6, "imagined_weight": 1.0, "imagined_targets": 0.5}
+    moved = ("dynamics", "policy", "value")
     few, more = preset("test", epochs=100), preset("test", epochs=100, **further)
     update = eqx.filter_jit(algorithm.update_once)
     (once, _, _), (often, metrics, _) = (
@@ -178,7 +179,7 @@ def test_further_steps_of_d_and_imagined_steps_of_pi_move_nothing_else():
         pairs = zip(
             *(jax.tree.leaves(eqx.filter(m, eqx.is_array)) for m in (one, other)), strict=True
         )
-        assert all(np.array_equal(a, b) for a, b in pairs) == (name not in ("dynamics", "policy"))
+        assert all(np.array_equal(a, b) for a, b in pairs) == (name not in moved)
     optimisers: Any = often.optimisers
     counts = [int(optax.tree.get(state[1][0], "count")) for state in optimisers]
     assert counts == [1, 6, 1, 1, 1]

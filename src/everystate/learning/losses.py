@@ -55,7 +55,7 @@ def gradients(
             "c": curriculum_loss(new, goals, noisy(starts, "c", config.state_noise), weights),
         }
         targets = improvement.value
-        if config.imagined_weight:
+        if config.imagined_weight or config.imagined_targets:
             returns = imagined_returns(
                 config,
                 models,
@@ -67,8 +67,7 @@ def gradients(
                 key=named(key, "imagined"),
             )
             parts["imagined"] = -config.imagined_weight * returns.mean()
-            imagined = jax.lax.stop_gradient(returns)
-            targets += config.imagined_targets * (imagined - targets)
+            targets += config.imagined_targets * (jax.lax.stop_gradient(returns) - targets)
         parts["V"] = value_loss(config, new, starts, goals, targets)
         if config.hindsight:
             t = minibatch.transitions
