@@ -2,8 +2,10 @@
 
 Prints one JSON object per run, and keeps it with the run's config and metrics in
 `results/ant-notes/NAME`: how far from 200 goals of the suite the policy ends, by parts of the
-state; what V makes of an ant that faces another way; and the share of the variance of a step that
-d explains, on motions it did not choose.
+state; what V makes of an ant that faces another way; where ants end that begin in the pose of
+another goal, and what V makes of that; how far ants that face 90 degrees away are from their goal's
+heading after 3 s by the policy; its skills; and the share of the variance of a step that d
+explains, on motions it did not choose.
 """
 
 import json
@@ -23,6 +25,7 @@ from everystate import Agent
 from everystate.agent import keep_compiled_programs
 from everystate.envs import BodyVectorEnv, make
 from everystate.evaluation import rollout, suites
+from everystate.evaluation.performances import success_rates
 from everystate.learning.flows import decode
 
 RESULTS = Path(__file__).resolve().parent.parent / "results" / "ant-notes"
@@ -65,6 +68,29 @@ def value_by_heading(agent: Agent, goals: Float[np.ndarray, "n 29"]) -> dict[str
     return {str(a): round(float(v), 2) for a, v in zip(angles, values, strict=True)}
 
 
+def heading(states: Float[np.ndarray, "n 29"]) -> Float[np.ndarray, " n"]:
+    """Radians."""
+    return np.arctan2(states[:, 2], states[:, 1])
+
+
+def posing(agent: Agent, goals: Float[np.ndarray, "n 29"]) -> dict[str, Any]:
+    """Where ants end in 3 s that face as their goals do, each in the pose of another goal."""
+    env, starts = make("ant", len(goals), 0), np.roll(goals, 1, axis=0)
+    ways = heading(goals) - heading(starts)
+    starts = np.concatenate([turned(s[None], way) for s, way in zip(starts, ways, strict=True)])
+    last = rollout(agent, env, starts, goals, 60, plan=False, seed=0)[-1]
+    value = float(agent.value(last, goals).mean())
+    return {"last": rms((last - goals) / env.scaling.spread), "value": round(value, 2)}
+
+
+def degrees_left(agent: Agent, goals: Float[np.ndarray, "n 29"]) -> list[int]:
+    """After 3 s by the policy, of ants that face 90 degrees away."""
+    env = make("ant", len(goals), 0)
+    states = rollout(agent, env, turned(goals, np.pi / 2), goals, 60, plan=False, seed=0)
+    error = (heading(states[-1]) - heading(goals) + np.pi) % (2 * np.pi) - np.pi
+    return np.degrees(error).round().astype(int).tolist()
+
+
 def explained(agent: Agent, num: int = 100) -> dict[str, float]:
     """Share of the variance of s' - s that d's central prediction explains, by parts."""
     rng, env = np.random.default_rng(5), make("ant", num, 1)
@@ -96,6 +122,9 @@ def main(runs: list[str]) -> None:
             "command": f"python experiments/ant_inside.py {run.name}",
             "distance": distances(agent, env, suite),
             "value_by_heading": value_by_heading(agent, upright),
+            "posing": posing(agent, upright[:8]),
+            "degrees_left": degrees_left(agent, upright[:8]),
+            "skills": success_rates(agent, plan=False),
             "explained_by_d": explained(agent),
         }
         folder = RESULTS / run.name
