@@ -45,6 +45,7 @@ SETTINGS = {
     "sensor noise": setting(sensor_noise=0.1),
 }
 CLIMBS, STEPS, SAMPLES = 200, 60, 200
+EDGE = 0.1  # m: an action moves it so far, and its noise as much as 0.06 further
 LEDGE = 0.85  # y of all goals: straight ahead, so that neither left nor right leads to them
 MIDDLE = (0.75, 0.0)  # half way up: where the paper's figure shows the actions
 Measures = dict[str, Any]
@@ -55,7 +56,8 @@ def climbs(agent: Agent, seed: int = 0) -> Measures:
 
     `completed` of the climbs stand on the ledge at some step and `falls` of them fall before that;
     `wall` is how far from the east wall they are on the ramp, in metres; `leftward` is the
-    probability of an action away from that wall, over places on the ramp.
+    probability of an action away from that wall, over places on the ramp, and `at_edge` the same
+    where such an action can make it fall.
     """
     rng = np.random.default_rng(seed)
     across = rng.uniform(RAMP_WEST + 0.05, 0.95, CLIMBS)
@@ -67,11 +69,13 @@ def climbs(agent: Agent, seed: int = 0) -> Measures:
     arrived = (before & (where == "ledge") & ~fell).any(axis=0)
     on_ramp = before & (where == "ramp")
     places = rng.uniform([RAMP_WEST + 0.05, RAMP_FOOT], [1.0, LEDGE_SOUTH], (CLIMBS, 2))
+    beside = np.stack([rng.uniform(RAMP_WEST, RAMP_WEST + EDGE, CLIMBS), places[:, 1]], axis=1)
     return {
         "completed": float(arrived.mean()),
         "falls": float((before & fell).any(axis=0).mean()),
         "wall": float(1 - states[1:, :, 0][on_ramp].mean()) if on_ramp.any() else None,
         "leftward": float((actions(agent, places)[..., 0] < 0).mean()),
+        "at_edge": float((actions(agent, beside)[..., 0] < 0).mean()),
         "actions": actions(agent, np.array([MIDDLE]))[0].round(3).tolist(),
     }
 
@@ -102,7 +106,7 @@ def draw(folders: dict[str, list[Path]]) -> None:
                 file.write_text(json.dumps(said) + "\n")
             found.setdefault(setting, []).append(json.loads(file.read_text()))
     last = {setting: [run[max(run, key=int)] for run in runs] for setting, runs in found.items()}
-    names = ("completed", "falls", "wall", "leftward")
+    names = ("completed", "falls", "wall", "leftward", "at_edge")
     said = {
         setting: {n: summary([m[n] for m in runs if m[n] is not None]) for n in names}
         for setting, runs in last.items()
@@ -117,8 +121,11 @@ def draw(folders: dict[str, list[Path]]) -> None:
 def growth(found: dict[str, list[dict[str, Measures]]], names: tuple[str, ...]) -> Figure:
     """A panel for each measure over epochs: seeds thin, their median thick."""
     figure = Figure(figsize=(WIDTH, 4.6))
-    titles = ("climbs completed", "falls per climb", "distance to the wall [m]", "leftward actions")
-    for ax, name, title in zip(figure.subplots(2, 2).ravel(), names, titles, strict=True):
+    titles = ("climbs completed", "falls per climb", "distance to the wall [m]")
+    titles += ("leftward actions", "leftward actions at the edge")
+    axes = figure.subplots(2, 3).ravel()
+    axes[-1].remove()
+    for ax, name, title in zip(axes[:-1], names, titles, strict=True):
         for colour, (setting, runs) in zip(COLOURS, found.items(), strict=False):
             epochs = sorted(map(int, set.intersection(*map(set, runs))))
             curves = np.array([[run[str(e)][name] for e in epochs] for run in runs], dtype=float)

@@ -146,25 +146,28 @@ def test_who_wanders_keeps_to_random_actions_for_a_while_and_another_does_as_eve
     config = preset("test", wander_share=0.5, wander_steps=2, steps_per_epoch=4)
 
     def actions(config):
-        state, taken = start(config), []
+        state, taken, wanders = start(config), [], []
         episodes = state.episodes
         for step in range(8):
             state = state._replace(epoch=jnp.int32(step // 4))
             draws = eqx.filter_jit(algorithm.draw)(config, state)
             episodes, action = act_at(config, state, draws, step % 4, episodes, jnp.zeros((10, 2)))
             taken.append(action)
-        return np.stack(taken)
+            wanders.append(draws.wanders[step % 4, :, 0] if config.wander_share else False)
+        return np.stack(taken), np.stack(wanders)
 
-    some, none = actions(config), actions(preset("test", steps_per_epoch=4))
-    wanders = (some != none).all(axis=2)
+    some, wanders = actions(config)
+    none, _ = actions(preset("test", steps_per_epoch=4))
     for epoch in (wanders[:4], wanders[4:]):
         assert (epoch == epoch[0]).all(), "for a whole epoch"
         assert 0 < epoch[0].mean() < 1
     assert (wanders[0] != wanders[4]).any(), "not always the same"
     np.testing.assert_array_equal(some[~wanders], none[~wanders])
+    assert (np.abs(some[wanders]) == 1).all(), "at full force"
+    assert (some[wanders] != none[wanders]).any()
     pairs = some.reshape(4, 2, 10, 2)
-    held = (pairs[:, 0] == pairs[:, 1]).all(axis=2)
-    np.testing.assert_array_equal(held, wanders[::2])
+    assert (pairs[:, 0] == pairs[:, 1])[wanders[::2]].all(), "for two steps"
+    assert (pairs[1:, 0] != pairs[:-1, 0]).any(axis=2)[wanders[::2][1:]].any(), "then others"
 
 
 def test_further_steps_of_d_and_imagined_steps_of_pi_and_v_move_nothing_else():

@@ -21,7 +21,9 @@ PLACES = 6
 
 def test_components_count_by_what_a_step_changes_them_by() -> None:
     models = SimpleNamespace(dynamics=SimpleNamespace(change_scale=jnp.array([0.1, 0.2])))
-    near, far = (placing(preset("test", reward_space=space), models) for space in ("state", "steps"))
+    near, far = (
+        placing(preset("test", reward_space=space), models) for space in ("state", "steps")
+    )
     state = jnp.array([1.0, 1.0])
     assert near(state).tolist() == [1.0, 1.0]
     weighted = far(state)

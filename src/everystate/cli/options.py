@@ -63,7 +63,8 @@ class Compare:
     """Trains agents on one body for the same time, each on one core, and measures them alike.
 
     Agents: ours (as `everystate train` makes it), ours-least-likely, ours-density, ours-visited,
-    ours-skew-fit and ours-mega (by other choices of goals), sac-her, tqc-her and random.
+    ours-skew-fit, ours-mega and ours-uniform (by other choices of goals), sac-her, tqc-her and
+    random.
     """
 
     body: tyro.conf.Positional[str]
