@@ -41,8 +41,8 @@ def setting(**change: Any) -> seeds.Setting:
 SETTINGS = {
     "pessimal": setting(),
     "mean": setting(pessimism="mean"),
-    "25th percentile": setting(percentile=25.0),
-    "sensor noise": setting(sensor_noise=0.1),
+    "25th-percentile": setting(percentile=25.0),
+    "sensor-noise": setting(sensor_noise=0.1),
 }
 CLIMBS, STEPS, SAMPLES = 200, 60, 200
 EDGE = 0.1  # m: an action moves it so far, and its noise as much as 0.06 further
