@@ -14,22 +14,20 @@ from everystate.viewing.figures import skill_rates
 
 # The search takes 27 ms an action: 50 of the suite's goals, and 20 starts of every skill.
 _EVALUATION = Evaluation(episodes=50, skills=True)
-# What came before `quick` as it is. Their bodies wandered at less than full strength [D22].
-ONE_STEP = {
+# What came before `quick` as it is.
+IMAGINED = {
     "reward_space": "state",  # D27
+    "imagined_targets": 0.0,  # D26
+    "epochs": 320,
+}
+ONE_STEP = {
+    **IMAGINED,
     "absorb_power": 1,  # D10
     "imagined_weight": 0.0,  # D25
-    "imagined_targets": 0.0,  # D26
     "pursued_share": 0.0,  # D24
     "central_share": 0.0,
-    "wander_steps": 4,
     "not_finite": "stop",
     "epochs": 240,
-}
-IMAGINED = {
-    "reward_space": "state",
-    "imagined_targets": 0.0,
-    "wander_steps": 4,
 }
 SETTINGS = {
     "quick": seeds.Setting({}, 3, _EVALUATION),

@@ -126,7 +126,7 @@ def draw(config: Config, state: AgentState) -> Draws:
         chosen = named(state.key, "wander", epoch), named(state.key, "wandering", since)
         return draws._replace(
             wanders=jax.random.bernoulli(chosen[0], config.wander_share, (config.num_bodies, 1)),
-            anywhere=jax.random.rademacher(chosen[1], draws.latents.shape, draws.latents.dtype),
+            anywhere=jax.random.uniform(chosen[1], draws.latents.shape, minval=-1, maxval=1),
         )
 
     steps = jnp.arange(config.steps_per_epoch, dtype=jnp.int32)

@@ -88,9 +88,8 @@ _QUICK_BODIES: dict[str, dict[str, Any]] = {
         "pursued_share": 0.5,
         "central_share": 0.5,
         "wander_share": 0.3,
-        "wander_steps": 6,
         "not_finite": "roll-back",
-        "epochs": 320,
+        "epochs": 200,
     },
     "ramp-pointmass": {
         "goals": "imagined",
