@@ -1,0 +1,43 @@
+"""Figure 2 of the paper (section 5.3): six skills of the ant.
+
+    python experiments/figure2.py [RUN]
+
+Films and filmstrips of the shipped agent, or of a run's, by the policy alone, each from the first of
+ten starts from which the skill succeeds, or of all from the first: results/figure-2/SKILL.mp4, .png.
+"""
+
+import sys
+from itertools import chain
+from pathlib import Path
+
+import everystate
+from everystate import Agent
+from everystate.viewing import recording, video
+from everystate.viewing.recording import Recording
+
+FOLDER = Path(__file__).resolve().parent.parent / "results" / "figure-2"
+SKILLS = ("recover", "spin-left", "spin-right", "walk-forward", "walk-sideways", "jump")
+
+
+def first_done(agent: Agent, name: str) -> Recording:
+    """The first success, if there is one."""
+    tries = (recording.record_skill(agent, name, plan=False, seed=seed) for seed in range(10))
+    first = next(tries)
+    return next((one for one in chain([first], tries) if one.title.endswith(": done")), first)
+
+
+def main(run: str) -> None:
+    """Records each skill once and draws it twice; what is there already is made anew."""
+    agent = everystate.load(run)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name in SKILLS:
+        recorded = first_done(agent, name)
+        for suffix in (".mp4", ".png"):
+            path = FOLDER / f"{name}{suffix}"
+            path.unlink(missing_ok=True)
+            video.write(recorded, recording.body_of(agent), path)
+        print(recorded.title, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "ant")
