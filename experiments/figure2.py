@@ -2,8 +2,9 @@
 
     python experiments/figure2.py [RUN]
 
-Films and filmstrips of the shipped agent, or of a run's, by the policy alone, each from the first of
-ten starts from which the skill succeeds, or of all from the first: results/figure-2/SKILL.mp4, .png.
+Films and filmstrips of the shipped agent, or of a run's, by the policy alone, each from the first
+of ten starts from which the skill succeeds, or else from the first of all, which its title says:
+results/figure-2/SKILL.mp4, .png.
 """
 
 import sys
