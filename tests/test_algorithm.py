@@ -153,7 +153,7 @@ def test_who_wanders_keeps_to_random_actions_for_a_while_and_another_does_as_eve
             draws = eqx.filter_jit(algorithm.draw)(config, state)
             episodes, action = act_at(config, state, draws, step % 4, episodes, jnp.zeros((10, 2)))
             taken.append(action)
-            wanders.append(draws.wanders[step % 4, :, 0] if config.wander_share else False)
+            wanders.append([] if draws.wanders is None else draws.wanders[step % 4, :, 0])
         return np.stack(taken), np.stack(wanders)
 
     some, wanders = actions(config)
