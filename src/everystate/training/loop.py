@@ -154,10 +154,14 @@ def _run(
         met = _agent(config, env, snapshot._replace(agent=agent))
         if problem := faults.report(folder, epoch, metrics, fault, met):
             if config.not_finite == "stop" or faults.not_finite(metrics):
+                further = {
+                    "stop": ", or --not-finite roll-back to go on without such updates",
+                    "roll-back": ": no update of this epoch was finite",
+                }
                 raise EverystateError(
                     f"training stopped {problem}. The last good checkpoint is kept in"
-                    f" {folder / 'checkpoints'}; try a lower learning_rate or gradient_clip, or"
-                    f" --not-finite roll-back to go on without such updates"
+                    f" {folder / 'checkpoints'}; try a lower learning_rate or gradient_clip"
+                    f"{further[config.not_finite]}"
                 )
             log.say(f"left out {problem}")
 
