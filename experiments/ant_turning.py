@@ -14,7 +14,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from ant_inside import RESULTS, turned
+from ant_inside import RESULTS, heading, turned
 from jaxtyping import Array, Float
 
 import everystate
@@ -108,8 +108,7 @@ def main(run: Path, ants: int = 4) -> None:
         env.set_observations(states)
         for step in range(STEPS):
             states = env.step(act(states, goals, step))[0]
-        facing, wanted = (np.arctan2(x[:, 2], x[:, 1]) for x in (states, goals))
-        error = (facing - wanted + np.pi) % (2 * np.pi) - np.pi
+        error = (heading(states) - heading(goals) + np.pi) % (2 * np.pi) - np.pi
         left[name] = np.degrees(error).round().astype(int).tolist()
         print(name, left[name], flush=True)
     said = {"command": f"python experiments/ant_turning.py {run.name}", "degrees_left": left}

@@ -146,5 +146,5 @@ def test_a_run_can_go_on_without_such_updates(
 
 def test_inputs_that_are_finite_are_told_by_their_size() -> None:
     batch = {"a": np.array([1.0, -3e8]), "slots": np.array([10**12]), "none": np.empty((2, 0))}
-    assert faults._input(batch) == ("its inputs are finite, the largest is 3e+08 in a")
+    assert faults._input(batch) == "its inputs are finite, the largest is 3e+08 in a"
     assert faults._input({"a": np.array([1.0, np.inf])}) == "its input a is inf in row 1"

@@ -17,7 +17,7 @@ def placing(config: Config, models: Any) -> Place:
     """Where the reward sees a scaled state: at its latent f_enc(s), or at the state itself [D9].
 
     Or at the state with each component in units of what a step changes it by, so that what takes
-    long to change counts for more [D27]; over all components these units have a mean square of 1.
+    long to change counts for more [D27]; the factors of all components have a mean square of 1.
 
     Args:
         config: `reward_space`.

@@ -1,5 +1,7 @@
 """Skills of the ant: its height, the x and y axes of its torso, its joints, and all velocities."""
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
@@ -41,17 +43,12 @@ def anyhow(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]
     return states
 
 
-def _standing_ahead(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]:
-    """On its four feet, facing along the world's x axis give or take 0.3 rad."""
+def _standing(
+    rng: np.random.Generator, num: int, within: float = np.pi
+) -> Float[np.ndarray, "starts 29"]:
+    """On its four feet, facing within so many radians of the world's x axis."""
     states = np.tile(state(STANDS), (num, 1))
-    states[:, 1:7] = [_facing(heading) for heading in rng.uniform(-0.3, 0.3, num)]
-    return states
-
-
-def _standing(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]:
-    """On its four feet, facing anywhere."""
-    states = np.tile(state(STANDS), (num, 1))
-    states[:, 1:7] = [_facing(heading) for heading in rng.uniform(-np.pi, np.pi, num)]
+    states[:, 1:7] = [_facing(heading) for heading in rng.uniform(-within, within, num)]
     return states
 
 
@@ -126,7 +123,7 @@ def _walk(name: str, axis: int) -> Skill:
         text=f"go along its own {name} axis at 0.5 m/s for 3 of 10 s",
         goals=tuple(_trot(axis, step) for step in range(steps)),
         steps=steps,
-        starts=_standing_ahead,
+        starts=partial(_standing, within=0.3),  # the goals face along x and do not wait
         done=lambda states: _over_three_seconds(
             (states[..., 15:18] * states[..., own]).sum(-1), 0.5
         ),
