@@ -109,14 +109,13 @@ class _Actor(Collector):
     def wait(self, seconds: float) -> bool:
         import ray
 
-        if ray.wait([self._task], timeout=seconds)[0]:
-            return True
-        # Ray itself would wait for a lost head, and then end this process.
+        # Ray itself would wait for a lost head, and then end this process. Actors work on without
+        # it, so one that answers at once is no sign of it.
         if time.monotonic() - self._probed > _PROBE_S:
             self._probed = time.monotonic()
             if not answers(self._head):
                 raise _headless(self._head)
-        return False
+        return bool(ray.wait([self._task], timeout=seconds)[0])
 
     def result(self) -> Any:
         import ray
