@@ -21,13 +21,14 @@ TERMS = Terms("ramp-pointmass", minutes=1.0, preset="test", episodes=20, plan=Fa
 
 def results(folder: Path, seed: int, success: float, steps: list[int]) -> Path:
     """A run that looked at its success twice, 0.1 before the end and then `success`."""
-    one = {"0.5": {"any": 1.0, "last": success}}
+    one = {eps: {"any": 1.0, "last": success} for eps in ("0.5", "1")}
     evaluated = {
         "body": "ramp-pointmass",
         "config": {"seed": seed},
         "success": {"floor": one, "all": one},
         "success_plan": {"floor": one, "all": one} if folder.parent.name == "ours" else None,
         "position_only": {"all": one},
+        "skills": {"climb": success},
         "falls_per_1000_steps": 2.0,
         "coverage": {"cells": 0.5},
         "steps": steps[-1],
@@ -60,13 +61,26 @@ def test_equal_steps_are_those_of_the_slowest(gathered: dict[str, Any]) -> None:
 
 
 def test_the_table_has_a_row_for_planning(gathered: dict[str, Any]) -> None:
-    lines = table(gathered).splitlines()
+    lines = table(gathered).split("\n\n")[0].splitlines()
     rows = {cells[1].strip(): cells[2:-1] for line in lines if (cells := line.split("|"))}
     assert {len(line.split("|")) for line in lines} == {len(lines[0].split("|"))}
     assert list(rows)[2:] == ["ours", "sac-her", "ours, planning"]
     assert rows["ours"][0].strip() == "95"  # the median of 90 and 100
     assert rows["ours"][1].strip() == "95 [90, 100]"
-    assert rows["sac-her"][4].strip() == "50"
+    assert rows["sac-her"][5].strip() == "50"
+
+
+def test_skills_have_a_table_of_their_own(gathered: dict[str, Any]) -> None:
+    skills = table(gathered).split("\n\n")[1].splitlines()
+    assert skills == [
+        "| skills | climb |",
+        "| --- | --- |",
+        "| ours | 95 |",
+        "| sac-her | 50 |",
+    ]
+    for agent in gathered["agents"].values():
+        del agent["skills"]
+    assert "skills" not in table(gathered)
 
 
 def test_random_actions_are_compared_and_not_done_twice(tmp_path: Path) -> None:

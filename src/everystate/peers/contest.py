@@ -19,6 +19,7 @@ from everystate.errors import EverystateError
 from everystate.evaluation.agents import Agent
 from everystate.peers.agents import PeerConfig, RandomActions
 from everystate.peers.contestants import CONTESTANTS
+from everystate.skills import SKILLS
 from everystate.training import coverage
 from everystate.training.logging import read_metrics
 from everystate.training.rundir import write_atomically
@@ -53,7 +54,10 @@ def play(name: str, seed: int, terms: Terms, folder: Path) -> None:
     else:
         agent, lines = _peer(name, seed, terms)
     result = evaluation.evaluate(
-        agent, plan=terms.plan and options is not None, episodes=terms.episodes
+        agent,
+        plan=terms.plan and options is not None,
+        episodes=terms.episodes,
+        skills=terms.body in SKILLS,
     )
     cells = [line["coverage/cells"] for line in lines if "coverage/cells" in line]
     result |= {

@@ -1,4 +1,4 @@
-"""The main numbers of a comparison as a table of Markdown."""
+"""The main numbers of a comparison as tables of Markdown."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,8 @@ from everystate.evaluation.markdown import markdown, percent, percent_interval
 def table(result: Mapping[str, Any]) -> str:
     """A row per agent, and one more for ours with planning: the median over seeds, in per cent.
 
-    Beside the success over all goals stands the 90 % interval of its interquartile mean.
+    Goals count within 0.5 σ at the last step where nothing else is said. Beside the success over
+    all goals stands the 90 % interval of its interquartile mean. Skills have a table of their own.
     """
     regions = [name for name in next(iter(result["agents"].values()))["success"] if name != "all"]
     steps = f"{result['equal_steps']:,}"
@@ -17,6 +18,7 @@ def table(result: Mapping[str, Any]) -> str:
         "agent",
         *regions,
         "all goals",
+        "all, within 1 σ",
         "all, at any step",
         "all, position only",
         f"all, after {steps} steps",
@@ -30,7 +32,19 @@ def table(result: Mapping[str, Any]) -> str:
         for name, agent in result["agents"].items()
         if agent.get("success_plan")
     ]
-    return markdown(heads, rows)
+    return markdown(heads, rows) + _skills(result["agents"])
+
+
+def _skills(agents: Mapping[str, Any]) -> str:
+    """Starts from which each skill succeeded; nothing where the body has none."""
+    rows = {name: agent.get("skills") for name, agent in agents.items()}
+    rows |= {f"{name}, planning": agent.get("skills_plan") for name, agent in agents.items()}
+    measured = {name: skills for name, skills in rows.items() if skills}
+    if not measured:
+        return ""
+    names = list(next(iter(measured.values())))
+    cells = [[name, *(percent(skills[n]) for n in names)] for name, skills in measured.items()]
+    return "\n" + markdown(["skills", *names], cells)
 
 
 def _row(name: str, agent: Mapping[str, Any], which: str, regions: list[str]) -> list[str]:
@@ -43,6 +57,7 @@ def _row(name: str, agent: Mapping[str, Any], which: str, regions: list[str]) ->
         name,
         *(percent(success[region]["last"]) for region in regions),
         percent_interval(every),
+        percent(agent[which]["all"]["1"]["last"]),
         percent(success["all"]["any"]),
         percent(agent["position_only"]["all"]["0.5"]["last"]) if policy else "",
         percent(equal) if equal else "",
