@@ -68,6 +68,21 @@ def test_its_gradient_leads_to_the_goal():
     assert float(slope(-0.1)) > 0
 
 
+@pytest.mark.parametrize("beyond", [-3.0, 3.0])
+def test_a_policy_beyond_all_actions_is_led_back_but_no_further_out(beyond):
+    def loss(action, goal):
+        def acts(s, g):
+            return Normal(jnp.full_like(s, action), CERTAIN)
+
+        key, config = jax.random.key(0), configured(imagined_steps=2)
+        pair = jnp.zeros((1, 2)), jnp.full((1, 2), goal)
+        return -imagined_returns(config, world(), acts, value, NO_FLOOR, *pair, key=key).mean()
+
+    slope = jax.grad(loss)
+    assert slope(beyond, -beyond) * beyond > 0
+    assert slope(beyond, beyond) == 0
+
+
 def test_the_value_is_held_within_its_bounds():
     config = configured(imagined_steps=1, bound_value=True, k=1e6)
     assert float(imagined(config, 0.0, floor=jnp.array(-2.0))) == pytest.approx(-1 - 0.9 * 2)

@@ -131,6 +131,8 @@ class Config:
     """n_updates: updates per epoch."""
     dynamics_updates: int = 1
     """Steps of d in each update, on minibatches of its own beyond the first [D23]."""
+    centre_weight: float = 0.0
+    """Weight, in d's loss, of the squared error of its centre, z = 0 [D28]."""
     target_period: int = 100
     """Updates per copy of V to V_targ; n_updates is the paper's one copy per episode [D8]."""
     learning_rate: float = 1e-3
@@ -281,6 +283,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "max_episode_steps": (1, 1_000_000),
     "num_updates": (1, 1_000_000),
     "dynamics_updates": (1, 10_000),
+    "centre_weight": (0, 1e6),
     "target_period": (1, 1_000_000),
     "learning_rate": (0, 1),
     "cooldown": (0, 1),

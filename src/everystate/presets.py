@@ -77,7 +77,8 @@ _QUICK_BODIES: dict[str, dict[str, Any]] = {
         "reward_shape": "rational",
         "frequencies": 0,
         "dynamics_layers": 1,
-        "dynamics_updates": 8,
+        "dynamics_updates": 16,
+        "centre_weight": 100.0,
         "capacity": 300_000,
         "reward_space": "steps",
         "absorb_power": 6,
@@ -89,7 +90,7 @@ _QUICK_BODIES: dict[str, dict[str, Any]] = {
         "central_share": 0.5,
         "wander_share": 0.3,
         "not_finite": "roll-back",
-        "epochs": 200,
+        "epochs": 180,
     },
     "ramp-pointmass": {
         "goals": "imagined",

@@ -19,6 +19,24 @@ _FAR = 8.0
 """Scaled units. d has seen nothing like it, and its gradients there have no end."""
 
 
+@jax.custom_vjp
+def within(action: Float[Array, " a"]) -> Float[Array, " a"]:
+    """The action within [-1, 1], with a gradient beyond for what leads back (in a loss).
+
+    That of a clip is 0 there, and so a policy that was once driven out stayed out: ants on their
+    backs pushed with all legs and never tried anything else. Hausknecht and Stone (2016) invert
+    gradients for it.
+    """
+    return jnp.clip(action, -1, 1)
+
+
+def _within_bwd(action: Array, cotangent: Array) -> tuple[Array]:
+    return (jnp.where((jnp.abs(action) <= 1) | (cotangent * action > 0), cotangent, 0),)
+
+
+within.defvjp(lambda action: (within(action), action), _within_bwd)
+
+
 def imagined_returns(
     config: Config,
     models: Any,
@@ -35,23 +53,23 @@ def imagined_returns(
     Args:
         config: hyper-parameters.
         models: anything with `state_flow` and `dynamics`, as in `Models`.
-        policy: pi, which acts at every step, by a sample.
+        policy: pi, which acts at every step, by its centre, as the agent will.
         target_value: V_targ(s, g).
         floor: lowest value that V_targ can have [D4].
         states: s, scaled.
         goals: g, scaled.
-        key: of the samples of pi and d.
+        key: of the samples of d.
     """
 
     def of_one(
         state: Float[Array, " s"], goal: Float[Array, " s"], key: PRNGKeyArray
     ) -> Float[Array, ""]:
         def step(carry: tuple[Array, Array, Array], key: PRNGKeyArray) -> tuple:
-            (state, total, weight), (key_action, key_outcome) = carry, jax.random.split(key)
+            state, total, weight = carry
             actions = policy(state, goal)
-            action = decode(actions, jax.random.normal(key_action, actions.shape))
-            outcomes = models.dynamics(state, jnp.clip(action, -1, 1))
-            after = decode(outcomes, jax.random.normal(key_outcome, outcomes.shape))
+            action = within(decode(actions, jnp.zeros(actions.shape)))
+            outcomes = models.dynamics(state, action)
+            after = decode(outcomes, jax.random.normal(key, outcomes.shape))
             after = jnp.clip(after, -_FAR, _FAR)
             near = closeness(config, place(after), place(goal))
             total += weight * (near - 1)

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
+from everystate.learning.flows import decode
 from everystate.learning.imagination import imagined_returns
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
@@ -89,12 +90,23 @@ def gradients(
 def dynamics_loss(
     config: Config, dynamics: Dynamics, t: Transitions, *, key: PRNGKeyArray
 ) -> Float[Array, ""]:
-    """Minus the mean log d(s'|s, a), with noise of `dynamics_noise` sds of the change on s'."""
+    """Minus the mean log d(s'|s, a), with noise of `dynamics_noise` sds of the change on s'.
+
+    And the squared error of its centre, in those sds [D28].
+    """
     noise = config.dynamics_noise * jax.random.normal(key, t.observations.shape)
     scale = jax.lax.stop_gradient(dynamics.change_scale)
     reached = t.next_observations + noise * jnp.broadcast_to(scale, noise.shape)
-    log_prob = jax.vmap(lambda s, a, s_next: dynamics(s, a).log_prob(s_next))
-    return -log_prob(t.observations, t.actions, reached).mean()
+
+    def of_one(s: Array, a: Array, s_next: Array) -> Float[Array, ""]:
+        outcomes = dynamics(s, a)
+        loss = -outcomes.log_prob(s_next)
+        if config.centre_weight:
+            error = (decode(outcomes, jnp.zeros_like(s)) - s_next) / scale
+            loss += config.centre_weight * jnp.sum(error**2)
+        return loss
+
+    return jax.vmap(of_one)(t.observations, t.actions, reached).mean()
 
 
 def policy_loss(
