@@ -109,6 +109,24 @@ def test_two_legs_are_two_for_half_a_second() -> None:
     assert not done("two-legs", still(20))
 
 
+def test_a_headstand_has_all_feet_above_the_torso_for_half_a_second() -> None:
+    over = still(10, axes=ant.OVER)
+    assert done("headstand", over)
+    assert not done("headstand", over[:9])
+    assert not done("headstand", still(10, axes=ant.OVER, ankles=(ant.LEVEL,) * 4))
+    assert not done("headstand", still(10))
+
+
+def test_nobody_stands_on_its_head_by_doing_nothing() -> None:
+    one, env = skill("ant", "headstand"), make("ant", 4, 0)
+    states = [one.starts(np.random.default_rng(0), 4).astype(np.float32)]
+    env.set_observations(states[0])
+    for _ in range(one.steps):
+        states.append(env.step(np.zeros((4, 8)))[0])
+    assert (ant.up(np.stack(states)) < -0.95).all()
+    assert not one.done(np.stack(states)).any()
+
+
 def test_recovering_ends_upright_and_still() -> None:
     up, over = still(60), still(60, axes=ant.OVER)
     assert done("recover", np.concatenate([over, up]))

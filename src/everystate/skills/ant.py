@@ -52,10 +52,18 @@ def _standing(
     return states
 
 
+def _lying(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]:
+    """On its back, facing anywhere, its feet on the floor."""
+    states = np.tile(state(0.25, OVER, ankles=(1.2,) * 4), (num, 1))
+    for one, heading in zip(states, rng.uniform(-np.pi, np.pi, num), strict=True):
+        one[1:7] = np.array(_facing(heading)) * (1, 1, 1, -1, -1, 1)
+    return states
+
+
 # --- What rules look at ---
 
 
-def _up(states: States) -> Float[np.ndarray, "steps starts"]:
+def up(states: States) -> Float[np.ndarray, "steps starts"]:
     """Height of the torso's own z axis: 1 upright, -1 upside down."""
     xx, xy, _, yx, yy, _ = np.moveaxis(states[..., 1:7], -1, 0)
     return xx * yy - xy * yx
@@ -85,6 +93,11 @@ def _on_two_legs(states: States) -> Bool[np.ndarray, "steps starts"]:
     """Just two of its feet near the floor, and its torso off it."""
     down = (feet(states) < 0.03).sum(axis=-1)
     return (down == 2) & (states[..., 0] > 0.3)
+
+
+def _on_its_head(states: States) -> Bool[np.ndarray, "steps starts"]:
+    """Upside down, with all feet higher than its torso."""
+    return (up(states) < -0.7) & (feet(states).min(axis=-1) > states[..., 0])
 
 
 def _over_three_seconds(rate: np.ndarray, least: float) -> Bool[np.ndarray, " starts"]:
@@ -146,8 +159,8 @@ def _trot(axis: int, step: int) -> tuple[float, ...]:
 
 def _flips(states: States) -> Bool[np.ndarray, " starts"]:
     """Upside down at some time, and upright at a later one."""
-    over = np.maximum.accumulate(_up(states) < -0.7, axis=0)
-    return np.asarray((over & (_up(states) > 0.7)).any(axis=0))
+    over = np.maximum.accumulate(up(states) < -0.7, axis=0)
+    return np.asarray((over & (up(states) > 0.7)).any(axis=0))
 
 
 SKILLS = {
@@ -157,7 +170,7 @@ SKILLS = {
         steps=10 * _SECOND,
         starts=anyhow,
         done=kept(
-            lambda states: (_up(states) > 0.7) & (np.abs(states[..., 15:21]).max(axis=-1) < 0.5),
+            lambda states: (up(states) > 0.7) & (np.abs(states[..., 15:21]).max(axis=-1) < 0.5),
             _SECOND,
         ),
     ),
@@ -185,5 +198,12 @@ SKILLS = {
         steps=10 * _SECOND,
         starts=_standing,
         done=held(_on_two_legs, _SECOND // 2),
+    ),
+    "headstand": Skill(
+        text="on its back, raise all feet above its torso for half a second",
+        goals=(state(0.25, OVER),),
+        steps=5 * _SECOND,
+        starts=_lying,
+        done=held(_on_its_head, _SECOND // 2),
     ),
 }
