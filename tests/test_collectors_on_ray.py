@@ -111,7 +111,7 @@ def test_a_node_may_be_lost_but_not_the_head(
 
             at_begin(4, lambda actor: head.kill_gcs_server())
             with pytest.raises(EverystateError, match="head of the Ray cluster"):
-                # Its collectors work on without a head, so the run must be longer than a look at it.
+                # Its collectors work on without a head: the run must outlast a look at it.
                 quietly(run_dir=tmp_path / "headless", crew=crew, epochs=1000)
     finally:
         cluster.shutdown()
