@@ -4,8 +4,8 @@ Prints one JSON object per run, and keeps it with the run's config and metrics i
 `results/ant-notes/NAME`: how far from 200 goals of the suite the policy ends, by parts of the
 state; what V makes of an ant that faces another way; where ants end that begin in the pose of
 another goal, and what V makes of that; how far ants that face 90 degrees away are from their goal's
-heading after 3 s by the policy; its skills; and the share of the variance of a step that d
-explains, on motions it did not choose.
+heading after 3 s by the policy; how many get up from their backs; its skills; and the share of the
+variance of a step that d explains, on motions it did not choose.
 """
 
 import json
@@ -27,6 +27,7 @@ from everystate.envs import BodyVectorEnv, make
 from everystate.evaluation import rollout, suites
 from everystate.evaluation.performances import success_rates
 from everystate.learning.flows import decode
+from everystate.skills import ant, skill
 
 RESULTS = Path(__file__).resolve().parent.parent / "results" / "ant-notes"
 PARTS = {"height": slice(0, 1), "orientation": slice(1, 7), "joints": slice(7, 15)}
@@ -91,6 +92,15 @@ def degrees_left(agent: Agent, goals: Float[np.ndarray, "n 29"]) -> list[int]:
     return np.degrees(error).round().astype(int).tolist()
 
 
+def got_up(agent: Agent, num: int = 20) -> dict[str, float]:
+    """Share of ants on their backs that are upright after 5 and 10 s by the policy."""
+    env, lying = make("ant", num, 0), skill("ant", "headstand").starts
+    starts = lying(np.random.default_rng(0), num).astype(np.float32)
+    goals = np.tile(np.array(ant.state(ant.STANDS), np.float32), (num, 1))
+    states = rollout(agent, env, starts, goals, 200, plan=False, seed=0)
+    return {f"{s} s": float((ant.up(states[20 * s]) > 0.7).mean()) for s in (5, 10)}
+
+
 def explained(agent: Agent, num: int = 100) -> dict[str, float]:
     """Share of the variance of s' - s that d's central prediction explains, by parts."""
     rng, env = np.random.default_rng(5), make("ant", num, 1)
@@ -124,6 +134,7 @@ def main(runs: list[str]) -> None:
             "value_by_heading": value_by_heading(agent, upright),
             "posing": posing(agent, upright[:8]),
             "degrees_left": degrees_left(agent, upright[:8]),
+            "got_up": got_up(agent),
             "skills": success_rates(agent, plan=False),
             "explained_by_d": explained(agent),
         }
