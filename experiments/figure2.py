@@ -17,7 +17,7 @@ from everystate.viewing import recording, video
 from everystate.viewing.recording import Recording
 
 FOLDER = Path(__file__).resolve().parent.parent / "results" / "figure-2"
-SKILLS = ("recover", "spin-left", "spin-right", "walk-forward", "walk-sideways", "jump")
+SKILLS = ("recover", "flip", "spin-right", "walk-sideways", "jump", "headstand")
 
 
 def shown(agent: Agent, name: str) -> Recording:
