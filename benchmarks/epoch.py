@@ -2,7 +2,7 @@
 
 Trains at preset `quick` and reads the run's own clock. Shares of everything after the first epoch,
 which compiles: the learner's updates, collection (bodies, actions, goals, the replay), and the rest
-(checks, coverage, logging, two evaluations and two checkpoints in 20 epochs).
+(checks, coverage, logging, and a checkpoint every ten epochs).
 """
 
 import tempfile

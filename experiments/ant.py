@@ -14,21 +14,8 @@ from everystate.viewing.figures import skill_rates
 
 # The search takes 27 ms an action: 50 of the suite's goals, and 20 starts of every skill.
 _EVALUATION = Evaluation(episodes=50, skills=True)
-# What came before the policy climbed imagined steps.
-ONE_STEP = {
-    "reward_space": "state",  # D27
-    "absorb_power": 1,  # D10
-    "centre_weight": 0.0,  # D28
-    "imagined_targets": 0.0,  # D26
-    "imagined_weight": 0.0,  # D25
-    "pursued_share": 0.0,  # D24
-    "central_share": 0.0,
-    "not_finite": "stop",
-    "epochs": 240,
-}
 SETTINGS = {
     "quick": seeds.Setting({"evaluation_period": 10}, 3, _EVALUATION),  # as in the comparison
-    "one-step": seeds.Setting(ONE_STEP, 1, _EVALUATION),
 }
 
 
