@@ -4,7 +4,7 @@
 
 Films and filmstrips of the shipped agent, or of a run's, by the policy alone, each from the first
 of ten starts from which the skill succeeds, or else from the first of all, which its title says; of
-recovery from that in which it came to lie the most upside down: results/figure-2/SKILL.mp4, .png.
+recovery from that in which it was the most upside down: results/figure-2/SKILL.mp4, .png.
 """
 
 import sys
