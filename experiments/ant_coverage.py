@@ -18,6 +18,7 @@ from everystate import Agent
 from everystate.agent import keep_compiled_programs
 from everystate.envs import make
 from everystate.evaluation import rollout, suites
+from everystate.skills.ant import up
 from everystate.training.collection import read_samples
 from everystate.viewing import plots
 
@@ -27,8 +28,7 @@ States = Float[np.ndarray, "n 29"]
 
 def poses(states: States) -> Float[np.ndarray, "n 2"]:
     """How upright the torso is, from -1 to 1, and its height in metres."""
-    up = states[:, 1] * states[:, 5] - states[:, 2] * states[:, 4]
-    return np.stack([up, states[:, 0]], axis=1)
+    return np.stack([up(states), states[:, 0]], axis=1)
 
 
 def velocities(states: States) -> Float[np.ndarray, "n 2"]:

@@ -50,6 +50,8 @@ def imagined_returns(
 ) -> Float[Array, " batch"]:
     """For each (s, g) the rewards of `imagined_steps` steps by d, and V_targ after them.
 
+    Its gradient is meant for a loss that has it with a minus: see `within`.
+
     Args:
         config: hyper-parameters.
         models: anything with `state_flow` and `dynamics`, as in `Models`.

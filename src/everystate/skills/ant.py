@@ -63,7 +63,7 @@ def _lying(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]
 # --- What rules look at ---
 
 
-def up(states: States) -> Float[np.ndarray, "steps starts"]:
+def up(states: Float[np.ndarray, "*n 29"]) -> Float[np.ndarray, "*n"]:
     """Height of the torso's own z axis: 1 upright, -1 upside down."""
     xx, xy, _, yx, yy, _ = np.moveaxis(states[..., 1:7], -1, 0)
     return xx * yy - xy * yx
