@@ -6,7 +6,7 @@ from typing import get_type_hints
 
 import pytest
 
-from everystate import config as module
+from everystate import limits
 from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import PRESETS, preset
@@ -84,12 +84,12 @@ def test_literal_is_paper_without_its_stabilisers(body):
 
 def test_every_number_has_a_range():
     numbers = {field.name for field in fields(Config) if field.type in (int, float)}
-    assert numbers == set(module._RANGES)
+    assert numbers == set(limits.RANGES)
 
 
-@pytest.mark.parametrize("field", module._RANGES)
+@pytest.mark.parametrize("field", limits.RANGES)
 def test_a_number_out_of_range_is_named_with_its_range(field):
-    low, high = module._RANGES[field]
+    low, high = limits.RANGES[field]
     number = type(getattr(Config(), field))
     bad = [number(math.floor(low) - 1)]
     bad += [number(high + 1)] if math.isfinite(high) else []
@@ -138,5 +138,5 @@ def test_values_of_the_wrong_kind_are_refused(field: str, value: object, says: s
     # By hand: under pytest, beartype would refuse the constructor's argument before we do.
     kind = get_type_hints(Config)[field]
     with pytest.raises(EverystateError, match=says) as error:
-        module._check_kind(field, value, kind)
+        limits.require_kind(field, value, kind)
     assert field in str(error.value)

@@ -7,9 +7,10 @@ Exploration with Flow-Based Models". Deviations from the paper carry their numbe
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Literal, get_type_hints
 
-from everystate.errors import EverystateError, suggest
+from everystate.errors import EverystateError
+from everystate.limits import RANGES, require_in_range, require_kind
 
 FlowFamily = Literal["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
 
@@ -189,13 +190,9 @@ class Config:
 
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(Config).items():
-            _check_kind(name, getattr(self, name), kind)
-        for name, (low, high) in _RANGES.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise EverystateError(
-                    f"{name} = {value} is out of range: it must lie in [{low:g}, {high:g}]"
-                )
+            require_kind(name, getattr(self, name), kind)
+        for name in RANGES:
+            require_in_range(name, getattr(self, name))
         if self.num_updates % self.target_period:
             raise EverystateError(
                 f"target_period = {self.target_period} does not divide num_updates = "
@@ -228,78 +225,3 @@ def _nearest_divisor(number: int, wanted: int) -> int:
 
 def _multiple(size: int, of: int) -> int:
     return -(-size // of) * of
-
-
-def _check_kind(name: str, value: object, kind: Any) -> None:
-    if get_origin(kind) is Literal:
-        if value not in (choices := get_args(kind)):
-            raise EverystateError(f"{name} = {value!r} is unknown: {suggest(str(value), choices)}")
-        return
-    if get_origin(kind) is tuple:
-        if not (isinstance(value, tuple) and all(isinstance(item, str) for item in value)):
-            raise EverystateError(f"{name} = {value!r} is no tuple of texts: give one")
-        return
-    accepted = (int, float) if kind is float else kind
-    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
-        raise EverystateError(f"{name} = {value!r} is not of type {kind.__name__}: give one")
-
-
-_RANGES: dict[str, tuple[float, float]] = {
-    "seed": (0, 2**31 - 1),
-    "m": (1, 10_000),
-    "k": (1e-6, 1e6),
-    "j": (1, 1_000),
-    "N": (1, 10_000),
-    "percentile": (0, 100),
-    "gradient_step": (0, 1e3),
-    "max_gradient_step": (0, math.inf),
-    "sensor_noise": (0, 10),
-    "imagined_weight": (0, 1e4),
-    "imagined_steps": (1, 100),
-    "imagined_targets": (0, 1),
-    "hindsight_steps": (1, 10_000),
-    "p_curric": (0, 1),
-    "curriculum_share": (1e-6, 1),
-    "capacity": (2, 100_000_000),
-    "batch_size": (2, 1_000_000),
-    "half_life": (1e-3, 1e9),
-    "weight_temper": (0, 1),
-    "weight_clip": (0, math.inf),
-    "approach_share": (0, 1),
-    "approach_steps": (1, 10_000),
-    "pursued_share": (0, 1),
-    "discount": (0, 1),
-    "absorb": (0, 1),
-    "absorb_power": (1, 100),
-    "goal_value_weight": (0, 1e3),
-    "num_bodies": (1, 100_000),
-    "collectors": (0, 10_000),
-    "steps_per_epoch": (1, 100_000),
-    "warmup_steps": (1, 100_000),
-    "patience": (1, 100_000),
-    "wander_share": (0, 1),
-    "wander_steps": (1, 1_000_000),
-    "central_share": (0, 1),
-    "max_episode_steps": (1, 1_000_000),
-    "num_updates": (1, 1_000_000),
-    "dynamics_updates": (1, 10_000),
-    "centre_weight": (0, 1e6),
-    "target_period": (1, 1_000_000),
-    "learning_rate": (0, 1),
-    "cooldown": (0, 1),
-    "gradient_clip": (0, math.inf),
-    "epochs": (1, 10_000_000),
-    "depth": (1, 32),
-    "width": (1, 16_384),
-    "frequencies": (0, 16),
-    "state_layers": (1, 200),
-    "dynamics_layers": (1, 200),
-    "policy_layers": (1, 200),
-    "curriculum_layers": (1, 200),
-    "state_noise": (0, 10),
-    "dynamics_noise": (0, 10),
-    "action_noise": (0, 10),
-    "devices": (1, 65_536),
-    "checkpoint_period": (1, 10_000_000),
-    "evaluation_period": (0, 10_000_000),
-}
