@@ -4,7 +4,7 @@ Stochastic value gradients, SVG(n) of Heess et al. (2015), with d as the model.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +37,15 @@ def _within_bwd(action: Array, cotangent: Array) -> tuple[Array]:
 within.defvjp(lambda action: (within(action), action), _within_bwd)
 
 
+class Imagined(NamedTuple):
+    """What the same imagined steps are worth, by two counts."""
+
+    climbed: Float[Array, " batch"]
+    """Reaching ends no count, as in planning: what comes after it stays the policy's concern."""
+    counted: Float[Array, " batch"]
+    """Reaching ends the count as V has it [D10]."""
+
+
 def imagined_returns(
     config: Config,
     models: Any,
@@ -47,10 +56,10 @@ def imagined_returns(
     goals: Float[Array, "batch s"],
     *,
     key: PRNGKeyArray,
-) -> Float[Array, " batch"]:
+) -> Imagined:
     """For each (s, g) the rewards of `imagined_steps` steps by d, and V_targ after them.
 
-    Its gradient is meant for a loss that has it with a minus: see `within`.
+    Their gradient is meant for a loss that has them with a minus: see `within`.
 
     Args:
         config: hyper-parameters.
@@ -63,23 +72,24 @@ def imagined_returns(
         key: of the samples of d.
     """
 
-    def of_one(
-        state: Float[Array, " s"], goal: Float[Array, " s"], key: PRNGKeyArray
-    ) -> Float[Array, ""]:
-        def step(carry: tuple[Array, Array, Array], key: PRNGKeyArray) -> tuple:
-            state, total, weight = carry
+    def of_one(state: Float[Array, " s"], goal: Float[Array, " s"], key: PRNGKeyArray) -> Imagined:
+        def step(state: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
             actions = policy(state, goal)
             action = within(decode(actions, jnp.zeros(actions.shape)))
             outcomes = models.dynamics(state, action)
             after = decode(outcomes, jax.random.normal(key, outcomes.shape))
             after = jnp.clip(after, -_FAR, _FAR)
-            near = closeness(config, place(after), place(goal))
-            total += weight * (near - 1)
-            return (after, total, weight * remaining(config, near)), None
+            return after, closeness(config, place(after), place(goal))
 
-        begun, keys = (state, jnp.zeros(()), jnp.ones(())), jax.random.split(key, steps)
-        (after, total, weight), _ = jax.lax.scan(step, begun, keys)
-        return total + weight * bounded(config, target_value(after, goal), floor)
+        last, near = jax.lax.scan(step, state, jax.random.split(key, steps))
+        value = bounded(config, target_value(last, goal), floor)
+
+        def worth(remains: Float[Array, " steps"]) -> Float[Array, ""]:
+            """Of each step such a share of what comes after it."""
+            weights = jnp.cumprod(jnp.concatenate([jnp.ones(1), remains]))
+            return weights @ jnp.append(near - 1, value)
+
+        return Imagined(worth(jnp.full(steps, config.discount)), worth(remaining(config, near)))
 
     place, steps = placing(config, models), config.imagined_steps
     return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states)))

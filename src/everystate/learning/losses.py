@@ -57,7 +57,7 @@ def gradients(
         }
         targets = improvement.value
         if config.imagined_weight or config.imagined_targets:
-            returns = imagined_returns(
+            imagined = imagined_returns(
                 config,
                 models,
                 new.policy,
@@ -67,8 +67,9 @@ def gradients(
                 goals,
                 key=named(key, "imagined"),
             )
-            parts["imagined"] = -config.imagined_weight * returns.mean()
-            targets += config.imagined_targets * (jax.lax.stop_gradient(returns) - targets)
+            parts["imagined"] = -config.imagined_weight * imagined.climbed.mean()
+            counted = jax.lax.stop_gradient(imagined.counted)
+            targets += config.imagined_targets * (counted - targets)
         parts["V"] = value_loss(config, new, starts, goals, targets)
         if config.hindsight:
             t = minibatch.transitions

@@ -21,7 +21,7 @@ def backup(
     return near - 1 + remaining(config, near) * bounded(config, value, floor)
 
 
-def remaining(config: Config, near: Float[Array, ""]) -> Float[Array, ""]:
+def remaining(config: Config, near: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """The share of what comes after s' that counts."""
     return config.discount * (1 - config.absorb * near**config.absorb_power)
 
