@@ -178,3 +178,11 @@ def test_the_loss_adds_the_value_at_the_goals():
     loss = value_loss(config, models, states, goals, jnp.array([0.0, 1.0]))
     errors, at_goals = np.array([1.0, -2.0]), np.array([0.0, -2.0])
     assert float(loss) == pytest.approx((errors**2).mean() + 0.5 * (at_goals**2).mean())
+
+
+def test_relative_errors_count_less_where_there_is_far_to_go():
+    models = only(lambda state, goal: state[0] - 2 * goal[0])
+    states, goals = jnp.array([[1.0], [-30.0]]), jnp.zeros((2, 1))
+    config = preset("test", goal_value_weight=0.0, relative_errors=True)
+    loss = value_loss(config, models, states, goals, jnp.array([0.0, -39.0]))
+    assert float(loss) == pytest.approx((1.0 / (1 + 0) + 81.0 / (1 + 39)) / 2)

@@ -61,6 +61,8 @@ class Config:
     """Weight, in the policy's loss, of r + V_targ after steps that it imagines [D25]."""
     imagined_steps: int = 5
     """How many such steps."""
+    imagined_absorb: bool = True
+    """Whether reaching ends the count of what the policy climbs, as it does V's [D10] [D25]."""
     imagined_targets: float = 0.0
     """Share of the same return in V's targets; the rest is eq. 2's [D26]."""
     hindsight: bool = True
@@ -106,6 +108,8 @@ class Config:
     """Power of κ that this chance is: above 1 the count ends only nearer to the goal [D10]."""
     goal_value_weight: float = 1.0
     """Weight of V(g,g)^2 beside (V - v_targ)^2."""
+    relative_errors: bool = False
+    """V's squared errors count per unit of 1 + |v_targ|: near a goal V must be exact [D29]."""
 
     # --- Collection (Algorithm 1, Appendix B) ---
     num_bodies: int = 50

@@ -41,7 +41,7 @@ class Imagined(NamedTuple):
     """What the same imagined steps are worth, by two counts."""
 
     climbed: Float[Array, " batch"]
-    """Reaching ends no count, as in planning: what comes after it stays the policy's concern."""
+    """Reaching may end no count here, as in planning: so the policy cares for what comes after."""
     counted: Float[Array, " batch"]
     """Reaching ends the count as V has it [D10]."""
 
@@ -89,7 +89,10 @@ def imagined_returns(
             weights = jnp.cumprod(jnp.concatenate([jnp.ones(1), remains]))
             return weights @ jnp.append(near - 1, value)
 
-        return Imagined(worth(jnp.full(steps, config.discount)), worth(remaining(config, near)))
+        counted = worth(remaining(config, near))
+        if config.imagined_absorb:
+            return Imagined(counted, counted)
+        return Imagined(worth(jnp.full(steps, config.discount)), counted)
 
     place, steps = placing(config, models), config.imagined_steps
     return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states)))

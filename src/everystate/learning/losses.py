@@ -142,7 +142,9 @@ def value_loss(
     goals: Float[Array, "batch s"],
     targets: Float[Array, " batch"],
 ) -> Float[Array, ""]:
-    """Mean of (V(s, g) - v_targ)^2 + V(g, g)^2 (Algorithm 1)."""
-    errors = jax.vmap(models.value)(states, goals) - targets
+    """Mean of (V(s, g) - v_targ)^2 + V(g, g)^2 (Algorithm 1), the former also per unit [D29]."""
+    errors = (jax.vmap(models.value)(states, goals) - targets) ** 2
+    if config.relative_errors:
+        errors /= 1 + jnp.abs(targets)
     at_goals = jax.vmap(models.value)(goals, goals)
-    return jnp.mean(errors**2) + config.goal_value_weight * jnp.mean(at_goals**2)
+    return jnp.mean(errors) + config.goal_value_weight * jnp.mean(at_goals**2)
