@@ -79,7 +79,7 @@ def inside(run: Path) -> dict[str, Any]:
         "command": f"python experiments/cartpole_inside.py {run.name}",
         "steps_upright": {"mean": float(np.mean(upright)), "each": upright},
         "x": PLACES.tolist(),
-        "value": agent.value(beside, UPRIGHT).round(2).tolist(),
+        "value": agent.value(beside, UPRIGHT).astype(float).round(2).tolist(),
         "collected": np.round(collected(agent, beside), 2).tolist(),
         "training": [line for line in lines if len(line) > 2],
     }
