@@ -28,7 +28,7 @@ SETTINGS = {
     "quick": setting(),
     "any-visited-goals": setting(m=1),
     "imagined-goals": setting(goals="imagined"),
-    # What `quick` has on the ramp instead.
+    # What `quick` has on the ramp instead, and on the cartpole besides.
     "as-the-ramp": setting(
         goals="imagined",
         weight_clip=8.0,
@@ -41,6 +41,19 @@ SETTINGS = {
         p_curric=0.2,
         j=1,
         N=8,
+    ),
+    "as-the-cartpole": setting(
+        hindsight=False,
+        absorb=0.1,
+        relative_errors=True,
+        centre_weight=100.0,
+        imagined_weight=50.0,
+        imagined_steps=8,
+        imagined_absorb=False,
+        imagined_targets=0.5,
+        pursued_share=0.5,
+        central_share=0.5,
+        not_finite="roll-back",
     ),
 }
 

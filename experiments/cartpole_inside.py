@@ -6,6 +6,7 @@ Prints one JSON object per run, and keeps it, with what evaluations in training 
 `results/cartpole-notes/inside/NAME.json`: for how many of 250 steps the policy keeps a pole within
 18 degrees that it is given upright, over 20 starts; and for carts at rest beside the goal under an
 upright pole, what V says and what the policy then collects in 100 steps through d, by V's count.
+`inside.png` beside that folder has all that is in it.
 """
 
 import json
@@ -17,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from matplotlib.figure import Figure
 
 import everystate
 from everystate import Agent
@@ -27,6 +29,7 @@ from everystate.learning.flows import decode
 from everystate.learning.rewards import closeness, placing
 from everystate.learning.value import remaining
 from everystate.training.logging import read_metrics
+from everystate.viewing.plots import COLOURS, WIDTH, styled
 
 FOLDER = Path(__file__).resolve().parent.parent / "results" / "cartpole-notes" / "inside"
 STARTS, STEPS = 20, 250
@@ -85,6 +88,26 @@ def inside(run: Path) -> dict[str, Any]:
     }
 
 
+@styled
+def draw(found: dict[str, dict[str, Any]]) -> Figure:
+    """Steps upright of each run, the shortest first; V and what is collected, of two of them."""
+    found = dict(sorted(found.items(), key=lambda item: item[1]["steps_upright"]["mean"]))
+    figure = Figure(figsize=(WIDTH, 3.2))
+    left, right = figure.subplots(1, 2)
+    for row, one in enumerate(found.values()):
+        left.barh(row, one["steps_upright"]["mean"], color=COLOURS[0], alpha=0.4)
+        left.plot(one["steps_upright"]["each"], [row] * STARTS, ".", color=COLOURS[0], markersize=3)
+    left.set_yticks(range(len(found)), list(found))
+    left.set(title="steps that the policy stays upright", xlim=(0, 1.02 * STEPS))
+    for colour, name in zip(COLOURS, ("absorb-tenth", list(found)[-1]), strict=False):
+        x, value, gained = (found[name][line] for line in ("x", "value", "collected"))
+        right.plot(x, value, "-", color=colour, label=f"{name}: V")
+        right.plot(x, gained, ":", color=colour, label="collected through d")
+    right.set(title="upright, at rest, beside the goal", xlabel="x of the cart [m]")
+    right.legend(fontsize=7)
+    return figure
+
+
 if __name__ == "__main__":
     keep_compiled_programs()
     FOLDER.mkdir(parents=True, exist_ok=True)
@@ -92,3 +115,5 @@ if __name__ == "__main__":
         result = inside(Path(argument))
         (FOLDER / f"{Path(argument).name}.json").write_text(json.dumps(result, indent=1) + "\n")
         print(json.dumps({n: result[n] for n in ("command", "steps_upright")}), flush=True)
+    kept = {file.stem: json.loads(file.read_text()) for file in FOLDER.glob("*.json")}
+    draw(kept).savefig(FOLDER.with_suffix(".png"), dpi=150)
