@@ -2,7 +2,8 @@
 
     python experiments/figure1.py
 
-Films and filmstrips of the shipped cartpole agent, with planning: results/figure-1/SKILL.mp4, .png.
+Films and filmstrips of the shipped cartpole agent, by its policy alone, as
+results/figure-1/SKILL.mp4 and .png.
 """
 
 from pathlib import Path
@@ -19,7 +20,7 @@ def main() -> None:
     agent = everystate.load("cartpole")
     FOLDER.mkdir(parents=True, exist_ok=True)
     for name in SKILLS:
-        recorded = recording.record_skill(agent, name, plan=True, seed=0)
+        recorded = recording.record_skill(agent, name, plan=False, seed=0)
         for suffix in (".mp4", ".png"):
             path = FOLDER / f"{name}{suffix}"
             path.unlink(missing_ok=True)
