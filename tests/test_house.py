@@ -1,4 +1,4 @@
-"""The files that say what the package needs agree with one another."""
+"""The files that say what the package needs agree with one another, and results name no machine."""
 
 import re
 import tomllib
@@ -46,3 +46,10 @@ def test_requirements_name_no_address() -> None:
     """Where packages come from is the reader's setting, not ours."""
     for path in ROOT.glob("requirements*.txt"):
         assert "://" not in path.read_text(), path.name
+
+
+def test_results_name_commands_that_readers_have() -> None:
+    """Not a script, a folder or a worker of the machine that they were made on."""
+    strange = re.compile(r'"command": "[^"]*(?:default_worker|(?<![\w.])/(?:tmp|work|home|root)/)')
+    found = [p for p in (ROOT / "results").rglob("*.json") if strange.search(p.read_text())]
+    assert not found

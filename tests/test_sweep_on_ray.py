@@ -52,6 +52,8 @@ def test_a_failing_run_is_told_and_the_others_finish(tmp_path: Path) -> None:
     assert "1 of 2 runs failed; the same command tries them again" in failed.stderr
     assert "is not empty and is no run" in failed.stderr
     assert len(evaluations(out)) == 1
+    (finished,) = out.glob("*/seed0/evaluation.json")
+    assert json.loads(finished.read_text())["command"].startswith("everystate sweep ")
     assert not (out / ".ray").exists()
 
 

@@ -53,13 +53,20 @@ def _written(config: Config) -> dict[str, Any]:
     return json.loads(json.dumps(config_to_json(config)))
 
 
-def run(trial: Trial, out: Path, report: Report = lambda metrics: None) -> None:
+def run(
+    trial: Trial,
+    out: Path,
+    report: Report = lambda metrics: None,
+    *,
+    command: str | None = None,
+) -> None:
     """Trains, or goes on, and measures; what is finished is left as it is.
 
     Args:
         trial: what to do.
         out: the sweep's folder.
         report: is called with the metrics of each epoch.
+        command: what the results name as their command, where this process has one of its own.
     """
     folder = out / trial.name
     if finished(folder):
@@ -68,6 +75,7 @@ def run(trial: Trial, out: Path, report: Report = lambda metrics: None) -> None:
     with one_core():
         made = training.train(trial.config, run_dir=folder / "run", progress=False, on_epoch=report)
         result = evaluation.evaluate(made, **trial.evaluation._asdict())
+    result["command"] = command or result["command"]
     for name in ("config.json", "metrics.jsonl"):
         shutil.copy(made / name, folder / name)
     write_atomically(folder / "evaluation.json", json.dumps(result, indent=1) + "\n")

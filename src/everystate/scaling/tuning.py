@@ -10,6 +10,7 @@ from typing import Any
 
 from everystate.agent.files import read_json
 from everystate.errors import EverystateError
+from everystate.evaluation import provenance
 from everystate.scaling import trial as one
 from everystate.scaling.cluster import connected
 from everystate.scaling.plan import Range, Search, Sweep, Trial
@@ -49,13 +50,16 @@ def sweep(plan: Sweep, out: Path, *, address: str | None = None) -> None:
 
 def run_all(trials: Sequence[Trial], out: Path, *, address: str | None = None) -> None:
     """The same for runs that one has listed; finished ones are left, whatever their config was."""
-    out = out.resolve()
+    out, command = out.resolve(), provenance()["command"]  # a worker of Ray has one of its own
     named = {trial.name: trial for trial in trials if not one.finished(out / trial.name)}
 
     def work(given: Mapping[str, Any]) -> None:
         from ray import tune
 
-        one.run(named[given["name"]], out, lambda metrics: tune.report(_shown(metrics)))
+        def report(metrics: Mapping[str, Any]) -> None:
+            tune.report(_shown(metrics))
+
+        one.run(named[given["name"]], out, report, command=command)
 
     if not named:
         return
@@ -74,6 +78,7 @@ def run_all(trials: Sequence[Trial], out: Path, *, address: str | None = None) -
 
 def _search(plan: Sweep, search: Search, out: Path, address: str | None) -> None:
     """Runs what Optuna proposes, which knows of all that was found before."""
+    command = provenance()["command"]
 
     def work(values: Mapping[str, Any]) -> None:
         from ray import tune
@@ -81,8 +86,11 @@ def _search(plan: Sweep, search: Search, out: Path, address: str | None) -> None
         trial = plan.found(values)
         (out / trial.name).mkdir(parents=True, exist_ok=True)
         write_atomically(out / trial.name / "values.json", json.dumps(dict(values)) + "\n")
-        # Optuna wants a score in every report.
-        one.run(trial, out, lambda m: tune.report({**_shown(m), "score": float("nan")}))
+
+        def report(metrics: Mapping[str, Any]) -> None:
+            tune.report({**_shown(metrics), "score": float("nan")})
+
+        one.run(trial, out, report, command=command)
         result = read_json(out / trial.name / "evaluation.json")
         tune.report({"epoch": trial.config.epochs, "score": search.score(result)})
 
