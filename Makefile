@@ -78,7 +78,7 @@ bench: scale  ## measure speed and memory, one script of benchmarks/ after the o
 
 docs: export NO_MKDOCS_2_WARNING = 1
 docs: $(DOCS_STAMP)  ## build docs/ and the API into site/, failing on a broken link
-	$(BIN)/mkdocs build --strict --quiet
+	$(BIN)/mkdocs build --strict
 
 $(DOCS_STAMP): requirements-docs.txt $(STAMP)
 	@$(PIP) -r requirements-docs.txt

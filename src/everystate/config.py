@@ -62,7 +62,7 @@ class Config:
     imagined_steps: int = 5
     """How many such steps."""
     imagined_absorb: bool = True
-    """Whether reaching ends the count of what the policy climbs, as it does V's [D10] [D25]."""
+    """Whether reaching ends the count of what the policy climbs, as it does V's [D10], [D25]."""
     imagined_targets: float = 0.0
     """Share of the same return in V's targets; the rest is eq. 2's [D26]."""
     hindsight: bool = True
@@ -99,7 +99,7 @@ class Config:
 
     # --- Value (4.3) ---
     bound_value: bool = True
-    """V_targ is held below 0, and targets are clipped to [-(copies + 1), 0] [D4]."""
+    """V_targ is held below 0, and targets are within -(copies + 1) and 0 [D4]."""
     discount: float = 1.0
     """Weight of V_targ beside r; at 1 (paper) V counts steps without a horizon [D18]."""
     absorb: float = 0.0

@@ -42,7 +42,7 @@ def evaluate(
         seed: of the body's noise and of planning; the same seed gives the same result.
 
     Returns:
-        What JSON can hold: `success`, `success_plan` and `position_only` as [region][eps][reading];
+        What JSON can hold: `success`, `success_plan` and `position_only` by region, eps, reading;
         `skills` and `skills_plan` as shares of 20 starts by name; `perturbed` as in
         `perturbations.summarised`;
         `falls_per_1000_steps`; `calibration` of -V against measured steps; `coverage` of the run,
