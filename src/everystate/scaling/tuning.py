@@ -88,7 +88,7 @@ def _search(plan: Sweep, search: Search, out: Path, address: str | None) -> None
         write_atomically(out / trial.name / "values.json", json.dumps(dict(values)) + "\n")
 
         def report(metrics: Mapping[str, Any]) -> None:
-            tune.report({**_shown(metrics), "score": float("nan")})
+            tune.report({**_shown(metrics), "score": float("nan")})  # Optuna wants one in each
 
         one.run(trial, out, report, command=command)
         result = read_json(out / trial.name / "evaluation.json")
