@@ -1,6 +1,6 @@
 """Whether skills last: the named skills at every checkpoint that a run has kept.
 
-    python experiments/over_training.py runs/experiments/cartpole/quick-seed0
+    python experiments/over_training.py runs/cartpole-quick-seed0
 
 Success rates with planning, over 20 starts, go to `results/BODY/over-training.json`, by run and
 epoch, and all that is in there is drawn in `over-training.png`.
