@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -194,6 +196,24 @@ def test_results_are_json_and_say_where_they_come_from(perfect: dict[str, Any]) 
     assert again == found
     assert float(found["config"]["weight_clip"]) == math.inf
     assert {"command", "commit", "machine", "versions", "seed", "time"} <= found.keys()
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        (["python", "scripts/one.py", "a b"], "python scripts/one.py 'a b'"),
+        (["python", "-m", "scripts", "--seed", "1"], "python -m scripts --seed 1"),
+        (["python", "-m", "scripts.one"], "python -m scripts.one"),
+    ],
+)
+def test_a_command_is_said_as_it_was_typed(typed: list[str], said: str, tmp_path: Path) -> None:
+    (tmp_path / "scripts").mkdir()
+    for name in ("__init__", "__main__", "one"):
+        text = "from everystate.evaluation.provenance import command; print(command())"
+        (tmp_path / f"scripts/{name}.py").write_text("" if name == "__init__" else text)
+    ran = [sys.executable, *typed[1:]]
+    done = subprocess.run(ran, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == said
 
 
 def test_coverage_is_the_runs_last(tmp_path: Path) -> None:

@@ -50,6 +50,9 @@ def test_requirements_name_no_address() -> None:
 
 def test_results_name_commands_that_readers_have() -> None:
     """Not a script, a folder or a worker of the machine that they were made on."""
-    strange = re.compile(r'"command": "[^"]*(?:default_worker|(?<![\w.])/(?:tmp|work|home|root)/)')
-    found = [p for p in (ROOT / "results").rglob("*.json") if strange.search(p.read_text())]
-    assert not found
+    ours = re.compile(r"everystate [a-z]+ |python (-m everystate|experiments|tests|benchmarks)[./]")
+    foreign = re.compile(r"(?<![\w.])/(?:tmp|work|home|root)/")
+    for path in (ROOT / "results").rglob("*.json"):
+        for command in re.findall(r'"command": "([^"]*)"', path.read_text()):
+            assert ours.match(command), (path, command)
+            assert not foreign.search(command), (path, command)

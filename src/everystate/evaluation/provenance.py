@@ -14,14 +14,25 @@ _PACKAGES = ("everystate", "jax", "equinox", "flowjax", "mujoco", "numpy")
 
 def provenance() -> dict[str, Any]:
     """Command line, commit (None outside a checkout), machine and versions."""
-    name = Path(sys.argv[0]).name
-    program = "everystate" if name == "__main__.py" else name
     return {
-        "command": shlex.join([program, *sys.argv[1:]]),
+        "command": command(),
         "commit": commit(),
         "machine": {"cpu": _cpu(), "cores": os.cpu_count(), "system": platform.system()},
         "versions": {"python": platform.python_version()} | _versions(),
     }
+
+
+def command() -> str:
+    """This process's command line, as one would type it again."""
+    program, spec = Path(sys.argv[0]), sys.modules["__main__"].__spec__
+    if spec is not None:  # by `python -m`
+        module = spec.name.removesuffix(".__main__")
+        typed = [module] if module == "everystate" else ["python", "-m", module]
+    elif program.suffix == ".py":
+        typed = ["python", sys.argv[0]]
+    else:
+        typed = [program.name]
+    return shlex.join([*typed, *sys.argv[1:]])
 
 
 def commit() -> str | None:
