@@ -153,7 +153,7 @@ def settings(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
         ax.set_xlim(-4, 104)
         ax.set_xlabel("%")
         ax.set_yticks(range(len(finals)), finals)
-    figure.axes[0].invert_yaxis()
+    figure.axes[0].set_ylim(len(finals) - 0.5, -0.5)  # the first on top
     return figure
 
 
