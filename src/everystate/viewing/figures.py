@@ -81,7 +81,7 @@ def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "step
         ax.set_title(title)
         ax.set_xlabel(_LABELS[over])
         ax.set_xlim(0, longest * 1.02)
-        ax.xaxis.set_major_locator(MaxNLocator(5))
+        ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         if over == "steps":
             ax.xaxis.set_major_formatter(FuncFormatter(thousands))
         _percent(ax)

@@ -101,7 +101,7 @@ def steps_axis(ax: Axes) -> None:
     """The x axis of everything over time."""
     ax.set_xlabel("control steps of all bodies")
     ax.set_xlim(left=0)
-    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     ax.xaxis.set_major_formatter(FuncFormatter(thousands))
 
 
