@@ -131,8 +131,9 @@ def growth(found: dict[str, list[dict[str, Measures]]], names: tuple[str, ...]) 
         for colour, (setting, runs) in zip(COLOURS, found.items(), strict=False):
             epochs = sorted(map(int, set.intersection(*map(set, runs))))
             curves = np.array([[run[str(e)][name] for e in epochs] for run in runs], dtype=float)
-            ax.plot(epochs, curves.T, color=colour, linewidth=0.7, alpha=0.5)
-            ax.plot(epochs, np.nanmedian(curves, axis=0), color=colour, linewidth=2, label=setting)
+            ax.plot(epochs, curves.T, "-", color=colour, linewidth=0.7, alpha=0.5)
+            middle = np.nanmedian(curves, axis=0)
+            ax.plot(epochs, middle, "-", color=colour, linewidth=2, label=setting)
         ax.set(title=title, xlabel="epoch", ylim=(0, None))
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
