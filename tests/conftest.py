@@ -54,6 +54,11 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)  # for the processes that tests start
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
         jax.config.update("jax_compilation_cache_dir", str(folder))
+    # Fast tests compile more than they run: a fifth of their time is optimising. The slow ones
+    # train for minutes, and the demo and the benchmarks run what a user does.
+    if not config.option.markexpr.startswith("slow"):
+        os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+        jax.config.update("jax_disable_most_optimizations", True)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
