@@ -106,7 +106,7 @@ _QUICK_BODIES: dict[str, dict[str, Any]] = {
         "not_finite": "roll-back",
         "epochs": 180,
     },
-    # The ramp does better by the paper's own goals: visited ones do not lead up to the ledge.
+    # The ramp has the paper's own goals: the rarest of those visited do as well, but no better.
     "ramp-pointmass": {
         "goals": "imagined",
         "m": 20,

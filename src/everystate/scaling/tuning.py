@@ -10,7 +10,7 @@ from typing import Any
 
 from everystate.agent.files import read_json
 from everystate.errors import EverystateError
-from everystate.evaluation import provenance
+from everystate.evaluation.provenance import command
 from everystate.scaling import trial as one
 from everystate.scaling.cluster import connected
 from everystate.scaling.plan import Range, Search, Sweep, Trial
@@ -50,7 +50,7 @@ def sweep(plan: Sweep, out: Path, *, address: str | None = None) -> None:
 
 def run_all(trials: Sequence[Trial], out: Path, *, address: str | None = None) -> None:
     """The same for runs that one has listed; finished ones are left, whatever their config was."""
-    out, command = out.resolve(), provenance()["command"]  # a worker of Ray has one of its own
+    out, typed = out.resolve(), command()  # a worker of Ray has one of its own
     named = {trial.name: trial for trial in trials if not one.finished(out / trial.name)}
 
     def work(given: Mapping[str, Any]) -> None:
@@ -59,7 +59,7 @@ def run_all(trials: Sequence[Trial], out: Path, *, address: str | None = None) -
         def report(metrics: Mapping[str, Any]) -> None:
             tune.report(_shown(metrics))
 
-        one.run(named[given["name"]], out, report, command=command)
+        one.run(named[given["name"]], out, report, command=typed)
 
     if not named:
         return
@@ -78,7 +78,7 @@ def run_all(trials: Sequence[Trial], out: Path, *, address: str | None = None) -
 
 def _search(plan: Sweep, search: Search, out: Path, address: str | None) -> None:
     """Runs what Optuna proposes, which knows of all that was found before."""
-    command = provenance()["command"]
+    typed = command()
 
     def work(values: Mapping[str, Any]) -> None:
         from ray import tune
@@ -90,7 +90,7 @@ def _search(plan: Sweep, search: Search, out: Path, address: str | None) -> None
         def report(metrics: Mapping[str, Any]) -> None:
             tune.report({**_shown(metrics), "score": float("nan")})  # Optuna wants one in each
 
-        one.run(trial, out, report, command=command)
+        one.run(trial, out, report, command=typed)
         result = read_json(out / trial.name / "evaluation.json")
         tune.report({"epoch": trial.config.epochs, "score": search.score(result)})
 
