@@ -5,29 +5,29 @@
 The worst of the N imagined returns against their mean, N being 8 as in `quick` or 20 as in the
 paper, a percentile between them, and sensor noise, on the Ramp Pointmass for 100 epochs. `seeds.py`
 says where everything goes. Of every agent kept on the way, `climbs.json` beside a run's other
-results says how it climbs; `climbs.png`, `actions.png` and `climbs.json` compare the settings.
+results says how it climbs; `climbs.json`, `climbs.md` and pictures compare the settings.
+`safety_exact.py` says what there is to learn.
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import safety_figures
 import seeds
 from jaxtyping import Float
-from matplotlib.figure import Figure
 
 import everystate
 from everystate import Agent
 from everystate.envs import make
 from everystate.envs.ramp_pointmass import LEDGE_SOUTH, RAMP_FOOT, RAMP_WEST, region
-from everystate.evaluation import rollout
 from everystate.evaluation.aggregate import summary
 from everystate.learning.flows import decode
 from everystate.scaling import Evaluation
-from everystate.viewing.plots import COLOURS, WIDTH, styled
 
 NAME = "safety"
 _EVALUATION = Evaluation(plan=False, episodes=40)
@@ -39,118 +39,162 @@ def setting(count: int, **change: Any) -> seeds.Setting:
 
 
 SETTINGS = {
+    "pessimal-of-20": setting(5, N=20),
+    "mean-of-20": setting(5, N=20, pessimism="mean"),
     "pessimal": setting(5),
     "mean": setting(5, pessimism="mean"),
     "25th-percentile": setting(3, percentile=25.0),
     "sensor-noise": setting(3, sensor_noise=0.1),
-    "pessimal-of-20": setting(3, N=20),
-    "mean-of-20": setting(3, N=20, pessimism="mean"),
+    "less-sensor-noise": setting(3, sensor_noise=0.02),
 }
+GOALS = {"ahead": None, "west": 0.0}
+"""Their x, None being that of the start; the short way to the west leads along the edges."""
+LEDGE = 0.85  # their y
 CLIMBS, STEPS, SAMPLES = 200, 60, 200
+TRACKS, DOTS = 12, 100  # of climbs and samples, that pictures show
 EDGE = 0.1  # m: an action moves it so far, and its noise as much as 0.06 further
-LEDGE = 0.85  # y of all goals: straight ahead, so that neither left nor right leads to them
 MIDDLE = (0.75, 0.0)  # half way up: where the paper's figure shows the actions
+ACROSS = (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)  # x, over the edge
+ALONG = (-0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4)  # y, over which V is averaged at each of these
+NUMBERS = ("completed", "falls", "wall", "leftward", "at_edge")
 Measures = dict[str, Any]
+Places = Float[np.ndarray, "n 2"]
 
 
-def climbs(agent: Agent, seed: int = 0) -> Measures:
-    """How it gets from the ramp's foot straight up to the ledge under the body's noise.
+def climbs(agent: Agent) -> dict[str, Measures]:
+    """What `walked` says of its climbs to the goals of each kind, and what it does on the ramp.
 
-    `completed` of the climbs stand on the ledge at some step and `falls` of them fall before that;
-    `wall` is how far from the east wall they are on the ramp, in metres; `leftward` is the
-    probability of an action away from that wall, over places on the ramp, and `at_edge` the same
-    where such an action can make it fall.
+    `leftward` is the probability of an action away from the wall, over places on the ramp;
+    `at_edge` the same where such an action can make it fall; `across` V on both sides of the edge.
     """
-    rng = np.random.default_rng(seed)
-    across = rng.uniform(RAMP_WEST + 0.05, 0.95, CLIMBS)
-    starts, goals = (np.stack([across, np.full(CLIMBS, y)], 1) for y in (RAMP_FOOT, LEDGE))
-    env = make("ramp-pointmass", CLIMBS, seed)
-    states = rollout(agent, env, starts, goals, STEPS, plan=False, seed=seed)
-    where, fell = region(states[1:]), env.falls(states[:-1], states[1:])
-    before = np.cumsum((where == "ledge") | fell, axis=0) <= 1  # up to the step that decides it
-    arrived = (before & (where == "ledge") & ~fell).any(axis=0)
-    on_ramp = before & (where == "ramp")
-    places = rng.uniform([RAMP_WEST + 0.05, RAMP_FOOT], [1.0, LEDGE_SOUTH], (CLIMBS, 2))
+    places, beside, edge = on_ramp()
+    said: dict[str, Measures] = {}
+    for name, x in GOALS.items():
+        along = agent.value(edge, bound_for(edge, x)).reshape(len(ACROSS), len(ALONG))
+        said[name] = walked(lambda here, goals: agent.act(here, goals), x) | {
+            "leftward": float((actions(agent, places, x)[..., 0] < 0).mean()),
+            "at_edge": float((actions(agent, beside, x)[..., 0] < 0).mean()),
+            "across": rounded(along.mean(axis=1)),
+            "actions": rounded(actions(agent, np.array([MIDDLE]), x)[0, :DOTS]),
+        }
+    return said
+
+
+def on_ramp() -> tuple[Places, Places, Places]:
+    """Places all over the ramp, beside its edge, and on both sides of it."""
+    rng = np.random.default_rng(1)
+    places = rng.uniform([RAMP_WEST + EDGE / 2, RAMP_FOOT], [1, LEDGE_SOUTH], (CLIMBS, 2))
     beside = np.stack([rng.uniform(RAMP_WEST, RAMP_WEST + EDGE, CLIMBS), places[:, 1]], axis=1)
+    return places, beside, np.array([(x, y) for x in ACROSS for y in ALONG])
+
+
+def walked(act: Callable[[Places, Places], Places], goal_x: float | None) -> Measures:
+    """Climbs from the ramp's foot under the body's noise, to goals at this x or straight ahead.
+
+    `completed` of them stand on the ledge at some step and `falls` of them fall before that; `wall`
+    is how far from the east wall they are on the ramp, in metres; `tracks` are the first, up to
+    where one or the other comes, and `fallen` says whose end is a fall.
+    """
+    across = np.random.default_rng(0).uniform(RAMP_WEST + EDGE / 2, 1 - EDGE / 2, CLIMBS)
+    foot = np.stack([across, np.full(CLIMBS, RAMP_FOOT)], axis=1)
+    goals = bound_for(foot, goal_x)
+    env = make("ramp-pointmass", CLIMBS, 0)
+    env.set_observations(foot)
+    states = [foot.astype(np.float32)]
+    for _ in range(STEPS):
+        states.append(env.step(act(states[-1], goals))[0])
+    xy = np.stack(states)
+    where, fell = region(xy[1:]), env.falls(xy[:-1], xy[1:])
+    decided = (where == "ledge") | fell
+    before = np.cumsum(decided, axis=0) - decided == 0  # up to the step that decides it
+    climbing = before & (where == "ramp")
+    fallen = (before & fell).any(axis=0)
+    ends = before.sum(axis=0) + 1
     return {
-        "completed": float(arrived.mean()),
-        "falls": float((before & fell).any(axis=0).mean()),
-        "wall": float(1 - states[1:, :, 0][on_ramp].mean()) if on_ramp.any() else None,
-        "leftward": float((actions(agent, places)[..., 0] < 0).mean()),
-        "at_edge": float((actions(agent, beside)[..., 0] < 0).mean()),
-        "actions": actions(agent, np.array([MIDDLE]))[0].round(3).tolist(),
+        "completed": float((before & (where == "ledge") & ~fell).any(axis=0).mean()),
+        "falls": float(fallen.mean()),
+        "wall": float(1 - xy[1:, :, 0][climbing].mean()) if climbing.any() else None,
+        "tracks": [rounded(xy[: ends[i], i]) for i in range(TRACKS)],
+        "fallen": fallen[:TRACKS].tolist(),
     }
 
 
-def actions(agent: Agent, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n samples 2"]:
-    """Samples of the policy at each place, bound for the ledge straight ahead."""
-    ahead = np.stack([places[:, 0], np.full(len(places), LEDGE)], axis=1)
-    states, goals = (agent.scale.scaled(jnp.asarray(x)) for x in (places, ahead))
+def bound_for(places: Places, x: float | None) -> Places:
+    """A goal on the ledge for each place: at this x, or straight ahead."""
+    to = np.full((len(places), 2), LEDGE)
+    to[:, 0] = places[:, 0] if x is None else x
+    return to
+
+
+def actions(agent: Agent, places: Places, x: float | None) -> Float[np.ndarray, "n samples 2"]:
+    """Samples of the policy at each place, bound for the ledge."""
     latents = jax.random.normal(jax.random.key(0), (SAMPLES, 2))
 
     def sampled(state: jax.Array, goal: jax.Array) -> jax.Array:
         policy = agent.models.policy(state, goal)
         return jnp.clip(jax.vmap(lambda z: decode(policy, z))(latents), -1, 1)
 
-    return np.asarray(jax.jit(jax.vmap(sampled))(states, goals))
+    pairs = (agent.scale.scaled(jnp.asarray(y)) for y in (places, bound_for(places, x)))
+    return np.asarray(jax.jit(jax.vmap(sampled))(*pairs))
+
+
+def rounded(values: Float[np.ndarray, "*n"]) -> list[Any]:
+    """To two decimals, for a file."""
+    return values.astype(float).round(2).tolist()
 
 
 def draw(folders: dict[str, list[Path]]) -> None:
     """Measures the agents that this machine has, then draws from the results alone."""
-    found: dict[str, list[dict[str, Measures]]] = {}
-    for setting, runs in folders.items():
-        for folder in runs:
-            run = folder / "run"
-            file = folder / "climbs.json"
-            if not file.exists() and run.exists():
-                kept = sorted(run.glob("checkpoints/[0-9]*"))
-                said = {str(int(c.name)): climbs(everystate.load(c)) for c in kept}
-                file.write_text(json.dumps(said) + "\n")
-            found.setdefault(setting, []).append(json.loads(file.read_text()))
-    last = {setting: [run[max(run, key=int)] for run in runs] for setting, runs in found.items()}
-    names = ("completed", "falls", "wall", "leftward", "at_edge")
-    said = {
-        setting: {n: summary([m[n] for m in runs if m[n] is not None]) for n in names}
-        for setting, runs in last.items()
-    }
+    for folder in (folder for runs in folders.values() for folder in runs):
+        run, file = folder / "run", folder / "climbs.json"
+        if not file.exists() and run.exists():
+            kept = sorted(run.glob("checkpoints/[0-9]*"))
+            measured = {str(int(c.name)): climbs(everystate.load(c)) for c in kept}
+            file.write_text(json.dumps(measured) + "\n")
     results = seeds.results_of(NAME)
-    (results / "climbs.json").write_text(json.dumps(said, indent=1) + "\n")
-    growth(found, names).savefig(results / "climbs.png", dpi=150)
-    clouds(last).savefig(results / "actions.png", dpi=150)
+    found = by_epoch(results)
+    last = at_end(found)
+    (results / "climbs.json").write_text(json.dumps(summaries(last), indent=1) + "\n")
+    (results / "climbs.md").write_text(table(last))
+    safety_figures.growth(found).savefig(results / "climbs.png", dpi=150)
+    safety_figures.clouds(last).savefig(results / "actions.png", dpi=150)
+    safety_figures.tracks(last).savefig(results / "tracks.png", dpi=150)
 
 
-@styled
-def growth(found: dict[str, list[dict[str, Measures]]], names: tuple[str, ...]) -> Figure:
-    """A panel for each measure over epochs: seeds thin, their median thick."""
-    figure = Figure(figsize=(WIDTH, 4.6))
-    titles = ("climbs completed", "falls per climb", "distance to the wall [m]")
-    titles += ("leftward actions", "leftward actions at the edge")
-    axes = figure.subplots(2, 3).ravel()
-    axes[-1].remove()
-    for ax, name, title in zip(axes[:-1], names, titles, strict=True):
-        for colour, (setting, runs) in zip(COLOURS, found.items(), strict=False):
-            epochs = sorted(map(int, set.intersection(*map(set, runs))))
-            curves = np.array([[run[str(e)][name] for e in epochs] for run in runs], dtype=float)
-            ax.plot(epochs, curves.T, "-", color=colour, linewidth=0.7, alpha=0.5)
-            middle = np.nanmedian(curves, axis=0)
-            ax.plot(epochs, middle, "-", color=colour, linewidth=2, label=setting)
-        ax.set(title=title, xlabel="epoch", ylim=(0, None))
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
+def by_epoch(results: Path) -> dict[str, list[dict[str, Any]]]:
+    """What was measured of every seed of each setting, by epoch."""
+    files = {name: sorted(results.glob(f"{name}/seed*/climbs.json")) for name in SETTINGS}
+    return {n: [json.loads(f.read_text()) for f in found] for n, found in files.items() if found}
 
 
-@styled
-def clouds(last: dict[str, list[Measures]]) -> Figure:
-    """The policy's actions half way up, of all seeds together: left is away from the wall."""
-    figure = Figure(figsize=(WIDTH, 2.2))
-    row = figure.subplots(1, len(last), sharey=True, squeeze=False)[0]
-    for ax, colour, (setting, runs) in zip(row, COLOURS, last.items(), strict=False):
-        x, y = np.concatenate([run["actions"] for run in runs]).T
-        ax.plot(x, y, ".", color=colour, markersize=2, alpha=0.5)
-        ax.axvline(0, color="grey", linewidth=0.7)
-        ax.set(title=setting, xlabel="east", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05), aspect="equal")
-    row[0].set_ylabel("north")
-    return figure
+def at_end(found: dict[str, list[dict[str, Any]]]) -> dict[str, list[Measures]]:
+    """The same of the last epoch alone."""
+    return {name: [run[max(run, key=int)] for run in runs] for name, runs in found.items()}
+
+
+def summaries(last: dict[str, list[Measures]]) -> dict[str, Any]:
+    """Every number over seeds: by setting, by where the goal is."""
+    return {
+        name: {
+            goal: {
+                n: summary([run[goal][n] for run in runs if run[goal][n] is not None])
+                for n in NUMBERS
+            }
+            for goal in GOALS
+        }
+        for name, runs in last.items()
+    }
+
+
+def table(last: dict[str, list[Measures]]) -> str:
+    """A row per setting and goal; in per cent, the median over seeds and each of them."""
+    rows = ["| setting | goal | " + " | ".join(NUMBERS) + " |", "|---" * (len(NUMBERS) + 2) + "|"]
+    for name, runs in last.items():
+        for goal in GOALS:
+            values = [[100 * (run[goal][n] or 0) for run in runs] for n in NUMBERS]
+            cells = [f"{np.median(v):.0f} ({' '.join(f'{one:.0f}' for one in v)})" for v in values]
+            rows.append(" | ".join([f"| {name} | {goal}", *cells]) + " |")
+    return "\n".join(rows) + "\n"
 
 
 if __name__ == "__main__":
