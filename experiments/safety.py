@@ -39,8 +39,8 @@ def setting(count: int, **change: Any) -> seeds.Setting:
 
 
 SETTINGS = {
-    "pessimal-of-20": setting(5, N=20),
-    "mean-of-20": setting(5, N=20, pessimism="mean"),
+    "pessimal-of-20": setting(10, N=20),
+    "mean-of-20": setting(10, N=20, pessimism="mean"),
     "pessimal": setting(5),
     "mean": setting(5, pessimism="mean"),
     "25th-percentile": setting(3, percentile=25.0),
