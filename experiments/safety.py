@@ -6,7 +6,7 @@ The worst of the N imagined returns against their mean, N being 8 as in `quick` 
 paper, a percentile between them, and sensor noise, on the Ramp Pointmass for 100 epochs. `seeds.py`
 says where everything goes. Of every agent kept on the way, `climbs.json` beside a run's other
 results says how it climbs; `climbs.json`, `climbs.md` and pictures compare the settings.
-`safety_exact.py` says what there is to learn.
+`safety_grid.py` says what there is to learn.
 """
 
 import json
@@ -88,17 +88,24 @@ def on_ramp() -> tuple[Places, Places, Places]:
     return places, beside, np.array([(x, y) for x in ACROSS for y in ALONG])
 
 
-def walked(act: Callable[[Places, Places], Places], goal_x: float | None) -> Measures:
-    """Climbs from the ramp's foot under the body's noise, to goals at this x or straight ahead.
+def walked(
+    act: Callable[[Places, Places], Places], goal_x: float | None, **noise: float
+) -> Measures:
+    """Climbs from the ramp's foot to goals at this x, or straight ahead, under the body's noise.
 
     `completed` of them stand on the ledge at some step and `falls` of them fall before that; `wall`
     is how far from the east wall they are on the ramp, in metres; `tracks` are the first, up to
     where one or the other comes, and `fallen` says whose end is a fall.
+
+    Args:
+        act: what is done at places on the way to goals.
+        goal_x: as in `GOALS`.
+        noise: fields of the body, where it is to suffer another.
     """
     across = np.random.default_rng(0).uniform(RAMP_WEST + EDGE / 2, 1 - EDGE / 2, CLIMBS)
     foot = np.stack([across, np.full(CLIMBS, RAMP_FOOT)], axis=1)
     goals = bound_for(foot, goal_x)
-    env = make("ramp-pointmass", CLIMBS, 0)
+    env = make("ramp-pointmass", CLIMBS, 0, **noise)
     env.set_observations(foot)
     states = [foot.astype(np.float32)]
     for _ in range(STEPS):

@@ -1,4 +1,4 @@
-"""The pictures of `safety.py` and `safety_exact.py`, from their results alone."""
+"""The pictures of `safety.py` and `safety_grid.py`, from their results alone."""
 
 from typing import Any
 
@@ -84,20 +84,20 @@ def tracks(last: Found) -> Figure:
 
 
 @styled
-def exact(said: dict[str, Any], found: Found) -> Figure:
-    """Climbs by eq. 3 solved on the body itself, and V over the ramp's edge as solved and learned.
+def grid(said: dict[str, Any], found: Found) -> Figure:
+    """Climbs by eq. 3 solved on a grid, and V over the ramp's edge as solved and learned.
 
     Args:
-        said: what `safety_exact.py` says, by how the outcomes of an action become one score.
+        said: what `safety_grid.py` says.
         found: of each seed, measures of its last agent.
     """
-    figure = Figure(figsize=(WIDTH, 2.7))
-    row = figure.subplots(1, len(said) + 1, width_ratios=[1] * len(said) + [1.6])
-    for ax, (name, goals) in zip(row[:-1], said["solved"].items(), strict=True):
+    figure, solved = Figure(figsize=(WIDTH, 2.7)), said["noise as it is"]
+    row = figure.subplots(1, len(solved) + 1, width_ratios=[1] * len(solved) + [1.6])
+    for ax, (name, goals) in zip(row[:-1], solved.items(), strict=True):
         draw_ramp(ax)
         walk(ax, goals["west"])
         ax.set_title(f"{name}\n{100 * goals['west']['falls']:.1f} % fall", fontsize=8)
-    row[0].set_ylabel("solved exactly")
+    row[0].set_ylabel("solved on a grid")
     ax = row[-1]
     for setting, (label, colour, line) in LOOKS.items():
         for run in found.get(setting, []):
@@ -105,14 +105,14 @@ def exact(said: dict[str, Any], found: Found) -> Figure:
                 said["x"], run["west"]["across"], line, color=colour, linewidth=0.6, label=label
             )
             label = None
-    for marker, (name, goals) in zip("ox+", said["solved"].items(), strict=True):
+    for marker, (name, goals) in zip("ox+", solved.items(), strict=True):
         ax.plot(
             said["x"],
             goals["west"]["across"],
             marker,
             color=BLACK,
             markersize=4,
-            label=f"exact, {name}",
+            label=f"grid, {name}",
         )
     ax.set(xlabel="x [m]", title="V, goal to the west")
     ax.legend(fontsize=7)
