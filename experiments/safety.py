@@ -27,6 +27,7 @@ from everystate.envs import make
 from everystate.envs.ramp_pointmass import LEDGE_SOUTH, RAMP_FOOT, RAMP_WEST, region
 from everystate.evaluation.aggregate import summary
 from everystate.learning.flows import decode
+from everystate.learning.planning import Planning
 from everystate.scaling import Evaluation
 
 NAME = "safety"
@@ -56,6 +57,8 @@ EDGE = 0.1  # m: an action moves it so far, and its noise as much as 0.06 furthe
 MIDDLE = (0.75, 0.0)  # half way up: where the paper's figure shows the actions
 ACROSS = (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)  # x, over the edge
 ALONG = (-0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4)  # y, over which V is averaged at each of these
+SEARCH = Planning(horizon=1, rounds=1, candidates=64, rollouts=20)
+"""The best of 64 actions by one step of d and V, half of them the policy's."""
 NUMBERS = ("completed", "falls", "wall", "leftward", "at_edge")
 Measures = dict[str, Any]
 Places = Float[np.ndarray, "n 2"]
@@ -78,6 +81,12 @@ def climbs(agent: Agent) -> dict[str, Measures]:
             "actions": rounded(actions(agent, np.array([MIDDLE]), x)[0, :DOTS]),
         }
     return said
+
+
+def searched(agent: Agent) -> Measures:
+    """Climbs to the west where not the policy decides, but V a step ahead: what is the policy's."""
+    walk = walked(lambda here, goals: agent.act(here, goals, plan=SEARCH), GOALS["west"])
+    return {name: walk[name] for name in ("completed", "falls", "wall")}
 
 
 def on_ramp() -> tuple[Places, Places, Places]:
@@ -107,9 +116,10 @@ def walked(
     goals = bound_for(foot, goal_x)
     env = make("ramp-pointmass", CLIMBS, 0, **noise)
     env.set_observations(foot)
-    states = [foot.astype(np.float32)]
-    for _ in range(STEPS):
+    states, over = [foot.astype(np.float32)], np.zeros(CLIMBS, dtype=bool)
+    while len(states) <= STEPS and not over.all():
         states.append(env.step(act(states[-1], goals))[0])
+        over |= (region(states[-1]) == "ledge") | env.falls(states[-2], states[-1])
     xy = np.stack(states)
     where, fell = region(xy[1:]), env.falls(xy[:-1], xy[1:])
     decided = (where == "ledge") | fell
@@ -153,11 +163,8 @@ def rounded(values: Float[np.ndarray, "*n"]) -> list[Any]:
 def draw(folders: dict[str, list[Path]]) -> None:
     """Measures the agents that this machine has, then draws from the results alone."""
     for folder in (folder for runs in folders.values() for folder in runs):
-        run, file = folder / "run", folder / "climbs.json"
-        if not file.exists() and run.exists():
-            kept = sorted(run.glob("checkpoints/[0-9]*"))
-            measured = {str(int(c.name)): climbs(everystate.load(c)) for c in kept}
-            file.write_text(json.dumps(measured) + "\n")
+        if not (folder / "climbs.json").exists() and (folder / "run").exists():
+            (folder / "climbs.json").write_text(json.dumps(measured(folder / "run")) + "\n")
     results = seeds.results_of(NAME)
     found = by_epoch(results)
     last = at_end(found)
@@ -165,7 +172,16 @@ def draw(folders: dict[str, list[Path]]) -> None:
     (results / "climbs.md").write_text(table(last))
     safety_figures.growth(found).savefig(results / "climbs.png", dpi=150)
     safety_figures.clouds(last).savefig(results / "actions.png", dpi=150)
-    safety_figures.tracks(last).savefig(results / "tracks.png", dpi=150)
+    safety_figures.falls(last).savefig(results / "falls.png", dpi=150)
+
+
+def measured(run: Path) -> dict[str, dict[str, Measures]]:
+    """What `climbs` says of every agent kept, by epoch, and `searched` of the last one."""
+    kept = {str(int(c.name)): c for c in sorted(run.glob("checkpoints/[0-9]*"))}
+    said = {epoch: climbs(everystate.load(checkpoint)) for epoch, checkpoint in kept.items()}
+    last = max(kept, key=int)
+    said[last]["searched"] = searched(everystate.load(kept[last]))
+    return said
 
 
 def by_epoch(results: Path) -> dict[str, list[dict[str, Any]]]:
@@ -180,17 +196,15 @@ def at_end(found: dict[str, list[dict[str, Any]]]) -> dict[str, list[Measures]]:
 
 
 def summaries(last: dict[str, list[Measures]]) -> dict[str, Any]:
-    """Every number over seeds: by setting, by where the goal is."""
-    return {
-        name: {
-            goal: {
-                n: summary([run[goal][n] for run in runs if run[goal][n] is not None])
-                for n in NUMBERS
-            }
-            for goal in GOALS
+    """Every number over seeds: by setting, by where the goal is or `searched`."""
+    said: dict[str, Any] = {}
+    for name, runs in last.items():
+        numbers = {kind: [n for n in NUMBERS if n in runs[0][kind]] for kind in runs[0]}
+        said[name] = {
+            kind: {n: summary([r[kind][n] for r in runs if r[kind][n] is not None]) for n in of}
+            for kind, of in numbers.items()
         }
-        for name, runs in last.items()
-    }
+    return said
 
 
 def table(last: dict[str, list[Measures]]) -> str:

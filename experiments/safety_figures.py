@@ -39,7 +39,7 @@ def growth(found: Found) -> Figure:
                 epochs = sorted(map(int, set.intersection(*map(set, runs)))) if runs else []
                 curves = [[run[str(e)][goal][measure] for e in epochs] for run in runs]
                 of = np.array(curves, dtype=float)
-                ax.plot(epochs, of.T, line, color=colour, linewidth=0.6, alpha=0.4)
+                ax.plot(epochs, of.T, line, color=colour, linewidth=0.5, alpha=0.35)
                 ax.plot(epochs, np.nanmedian(of, axis=0), line, color=colour, label=label)
             ax.set(ylim=(0, None), title=title if goal == "ahead" else None)
             ax.set_xlabel("epoch" if goal == "west" else None)
@@ -51,7 +51,7 @@ def growth(found: Found) -> Figure:
 @styled
 def clouds(last: Found) -> Figure:
     """The policy's actions half way up, of all seeds together: left is away from the wall."""
-    figure = Figure(figsize=(WIDTH, 3.0))
+    figure = Figure(figsize=(WIDTH, 2.8))
     rows = figure.subplots(2, len(last), sharex=True, sharey=True, squeeze=False)
     for row, goal in zip(rows, ("ahead", "west"), strict=True):
         for ax, colour, (name, runs) in zip(row, COLOURS, last.items(), strict=False):
@@ -68,18 +68,27 @@ def clouds(last: Found) -> Figure:
 
 
 @styled
-def tracks(last: Found) -> Figure:
-    """The first climbs to the west of every seed by the worst and by the mean of 20 outcomes."""
-    chosen = [name for name in ("pessimal-of-20", "mean-of-20") if name in last]
-    most = max(len(last[name]) for name in chosen)
-    figure = Figure(figsize=(WIDTH, 1.75 * len(chosen)))
-    rows = figure.subplots(len(chosen), most, sharex=True, sharey=True, squeeze=False)
-    for row, name in zip(rows, chosen, strict=True):
-        for seed, (ax, run) in enumerate(zip(row, last[name], strict=False)):
-            draw_ramp(ax)
-            walk(ax, run["west"])
-            ax.set_title(f"seed {seed}: {100 * run['west']['falls']:.0f} % fall", fontsize=8)
-        row[0].set_ylabel(LOOKS[name][0])
+def falls(last: Found) -> Figure:
+    """Climbs to the west by the worst and by the mean of 20 outcomes, and what share falls."""
+    figure = Figure(figsize=(WIDTH, 2.9))
+    *maps, ax = figure.subplots(1, 3, width_ratios=[1, 1, 1.9])
+    for place, name in zip(maps, ("pessimal-of-20", "mean-of-20"), strict=True):
+        draw_ramp(place)
+        for run in last.get(name, []):
+            walk(place, run["west"])
+        place.set_title(LOOKS[name][0])
+    for at, (name, (_, colour, _)) in enumerate(LOOKS.items()):
+        for kind, mark, aside in (("west", "o", -0.2), ("searched", "^", 0.2)):
+            share = [100 * run[kind]["falls"] for run in last.get(name, [])]
+            where = at + aside + np.linspace(-0.1, 0.1, len(share))
+            ax.plot(where, share, mark, color=colour, markersize=4, alpha=0.6)
+            middle = [np.median(share) if share else np.nan] * 2
+            ax.plot([at + aside - 0.17, at + aside + 0.17], middle, "-", color=BLACK)
+    ax.plot([], [], "o", color=GREY, label="by the policy")
+    ax.plot([], [], "^", color=GREY, label="by one step of search")
+    ax.legend()
+    ax.set_xticks(range(len(LOOKS)), [label for label, *_ in LOOKS.values()])
+    ax.set(title="climbs to the west that fall, of each seed [%]", ylim=(-2, 100))
     return figure
 
 
@@ -133,7 +142,7 @@ def walk(ax: Axes, measures: dict[str, Any]) -> None:
     """Climbs up to where they end, falls in red, and the goal."""
     for track, fallen in zip(measures["tracks"], measures["fallen"], strict=True):
         x, y = np.array(track).T
-        ax.plot(x, y, "-", color=RED if fallen else BLUE, linewidth=0.8, alpha=0.7)
+        ax.plot(x, y, "-", color=RED if fallen else BLUE, linewidth=0.6, alpha=0.5)
         if fallen:
-            ax.plot(x[-1], y[-1], "x", color=RED, markersize=4)
+            ax.plot(x[-1], y[-1], "x", color=RED, markersize=3)
     ax.plot(0, 0.85, "*", color="black", markersize=7)
