@@ -91,7 +91,7 @@ def outcomes(**noise: float) -> csr_array:
 
 def worst_of(count: int) -> Float[np.ndarray, " outcomes"]:
     """Weights of sorted outcomes whose sum is the worst of `count`, averaged over all choices."""
-    return comb(np.arange(OUTCOMES)[::-1], count - 1) / comb(OUTCOMES, count)
+    return np.asarray(comb(np.arange(OUTCOMES)[::-1], count - 1) / comb(OUTCOMES, count))
 
 
 def solve(after: csr_array, x: Float[np.ndarray, " goals"], count: int) -> Solution:
