@@ -59,7 +59,13 @@ ACROSS = (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)  # x, over
 ALONG = (-0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4)  # y, over which V is averaged at each of these
 SEARCH = Planning(horizon=1, rounds=1, candidates=64, rollouts=20)
 """The best of 64 actions by one step of d and V, half of them the policy's."""
-NUMBERS = ("completed", "falls", "wall", "leftward", "at_edge")
+NUMBERS = {
+    "falls": "falls, % of climbs",
+    "completed": "climbs completed, %",
+    "at_edge": "leftward actions within 0.1 m of the edge, %",
+    "leftward": "leftward actions anywhere on the ramp, %",
+    "wall": "distance to the wall while climbing, m",
+}
 Measures = dict[str, Any]
 Places = Float[np.ndarray, "n 2"]
 
@@ -168,8 +174,9 @@ def draw(folders: dict[str, list[Path]]) -> None:
     results = seeds.results_of(NAME)
     found = by_epoch(results)
     last = at_end(found)
-    (results / "climbs.json").write_text(json.dumps(summaries(last), indent=1) + "\n")
-    (results / "climbs.md").write_text(table(last))
+    said = summaries(last)
+    (results / "climbs.json").write_text(json.dumps(said, indent=1) + "\n")
+    (results / "climbs.md").write_text(table(said))
     safety_figures.growth(found).savefig(results / "climbs.png", dpi=150)
     safety_figures.clouds(last).savefig(results / "actions.png", dpi=150)
     safety_figures.falls(last).savefig(results / "falls.png", dpi=150)
@@ -207,15 +214,27 @@ def summaries(last: dict[str, list[Measures]]) -> dict[str, Any]:
     return said
 
 
-def table(last: dict[str, list[Measures]]) -> str:
-    """A row per setting and goal; in per cent, the median over seeds and each of them."""
-    rows = ["| setting | goal | " + " | ".join(NUMBERS) + " |", "|---" * (len(NUMBERS) + 2) + "|"]
-    for name, runs in last.items():
-        for goal in GOALS:
-            values = [[100 * (run[goal][n] or 0) for run in runs] for n in NUMBERS]
-            cells = [f"{np.median(v):.0f} ({' '.join(f'{one:.0f}' for one in v)})" for v in values]
-            rows.append(" | ".join([f"| {name} | {goal}", *cells]) + " |")
-    return "\n".join(rows) + "\n"
+def table(said: dict[str, Any]) -> str:
+    """For each goal a row per measure: of each setting the median and the 90 % interval."""
+    rows: list[str] = []
+    for goal in GOALS:
+        rows += [f"| goal {goal} | " + " | ".join(said) + " |", "|---" * (len(said) + 1) + "|"]
+        for name, title in NUMBERS.items():
+            shares = [
+                {n: of[goal][name][n] for n in ("median", "low", "high")} for of in said.values()
+            ]
+            cells = [told(100 if "%" in title else 1, **share) for share in shares]
+            rows.append(" | ".join([f"| {title}", *cells]) + " |")
+        rows.append("")
+    return "\n".join(rows)
+
+
+def told(times: int, median: float, low: float, high: float) -> str:
+    """Median [low, high], to two digits."""
+    middle, lowest, highest = (
+        f"{times * x:.{0 if times * x >= 10 else 2}f}" for x in (median, low, high)
+    )
+    return f"{middle} [{lowest}, {highest}]"
 
 
 if __name__ == "__main__":
