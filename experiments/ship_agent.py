@@ -33,12 +33,9 @@ def main() -> None:
     scores = {
         "command": f"everystate train {agent.config.body} --seed {agent.config.seed}",
         "trained_with": config.get("versions", {}),
-        "success": result["success"],
-        "success_plan": result["success_plan"],
+        "score": result["score"],
+        "suites": {name: one["policy"]["score"] for name, one in result["suites"].items()},
         "skills": result["skills"],
-        "skills_plan": result["skills_plan"],
-        "falls_per_1000_steps": result["falls_per_1000_steps"],
-        "calibration": result["calibration"],
     }
     print(agent.export(AGENTS / options.name, scores))
 

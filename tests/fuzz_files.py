@@ -32,7 +32,7 @@ from everystate.training.rundir import open_run
 SOUND = Path(suites.__file__).parents[1] / "agents" / "ramp-pointmass"
 AGENT = (SOUND / "agent.json").read_text()
 ARRAYS = (SOUND / "agent.safetensors").read_bytes()
-SUITE = (suites.FOLDER / "cartpole.json").read_text()
+SUITE = (suites.FOLDER / "cartpole" / "rest-report.json").read_text()
 DEEP = b"[" * 5_000
 FOLDER = Path(tempfile.mkdtemp())
 CONFIG, RUN = preset("test", epochs=1), FOLDER / "run"
@@ -129,7 +129,7 @@ def its_arrays(at: int, byte: int | None) -> None:
 @given(content=damaged(SUITE))
 @example(content=DEEP)
 def a_goal_suite(content: bytes) -> None:
-    """--goals FILE."""
+    """--suite FILE."""
     (FOLDER / "goals.json").write_bytes(content)
     survives(lambda: suites.load("cartpole", FOLDER / "goals.json"))
 

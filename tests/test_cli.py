@@ -13,7 +13,7 @@ from everystate import cli, evaluation, training, viewing
 from everystate.errors import EverystateError
 from everystate.presets import preset
 
-RESULT = {"success": {"floor": {"0.5": {"last": 1.0}}}}
+RESULT = {"suites": {"rest": {"policy": {"score": {"all": 1.0}}}}}
 
 
 @pytest.fixture(autouse=True)
@@ -40,7 +40,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
 
     monkeypatch.setattr(training, "train", train)
     monkeypatch.setattr(evaluation, "evaluate", evaluate)
-    monkeypatch.setattr(evaluation, "table", lambda result: Table("region", "success"))
+    monkeypatch.setattr(evaluation, "tables", lambda result: [Table("goals", "score")])
     monkeypatch.setattr(viewing, "report", report)
     return asked
 
@@ -150,14 +150,16 @@ def test_json_is_the_whole_last_line(
     assert json.loads(capsys.readouterr().out.splitlines()[-1]) == RESULT
     ((_, asked),) = calls
     assert asked.pop("run") == Path("runs/x")
-    assert asked.pop("plan")
-    assert asked == {"goals_file": None, "episodes": None, "skills": False, "perturb": False}
+    wanted = {"suite": None, "split": "report", "plan": False, "episodes": None}
+    assert asked == wanted | {"skills": False, "perturb": False}
 
 
 def test_evaluate_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:
-    assert cli.main(["evaluate", "x", "--no-plan", "--episodes", "9", "--goals", "a.json"]) == 0
+    words = ["--plan", "--episodes", "9", "--split", "tune", "--suite", "rest", "a.json"]
+    assert cli.main(["evaluate", "x", *words]) == 0
     ((_, asked),) = calls
-    assert (asked["plan"], asked["episodes"], asked["goals_file"]) == (False, 9, Path("a.json"))
+    assert asked["suite"] == ("rest", "a.json")
+    assert (asked["plan"], asked["episodes"], asked["split"]) == (True, 9, "tune")
 
 
 def test_demo_trains_evaluates_and_reports(
@@ -206,9 +208,9 @@ def test_exit_codes(
 
 
 def test_what_is_piped_is_plain_and_fits_a_terminal() -> None:
-    words = ["evaluate", "ramp-pointmass", "--episodes", "3", "--no-plan"]
+    words = ["evaluate", "ramp-pointmass", "--episodes", "3"]
     done = subprocess.run([sys.executable, "-m", "everystate", *words], capture_output=True)
     assert (done.returncode, done.stderr) == (0, b"")
     lines = done.stdout.decode().splitlines()
-    assert any("ledge" in line and "100.0 %" in line for line in lines)
+    assert any("ledge" in line and "100 %" in line for line in lines)
     assert not any("\x1b" in line or len(line) > 80 for line in lines)

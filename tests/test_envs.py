@@ -1,5 +1,6 @@
 """The batched stepper over every body: exact, seeded, nothing shared, drawn and registered."""
 
+import json
 from pathlib import Path
 
 import gymnasium
@@ -111,6 +112,26 @@ def test_snapshot_replays_bit_for_bit(body: str) -> None:
     np.testing.assert_array_equal(play(restored, 40, seed=5), path)
     for name, value in restored.get_state().items():
         np.testing.assert_array_equal(value, end[name])
+
+
+def test_bodies_go_on_alike_from_the_same_physics(body: str) -> None:
+    """One by one, in any order, and whatever they did before."""
+    env, other = make(body, 3, 0), make(body, 3, 1)
+    play(env, 7)
+    taken = json.loads(json.dumps(env.get_physics()))
+    seen = env.observe()
+    env.set_physics(taken)
+    np.testing.assert_array_equal(env.observe(), seen)
+    play(other, 4)
+    other.set_physics(taken[::-1])
+    np.testing.assert_array_equal(other.observe(), seen[::-1])
+    if body != "ramp-pointmass":  # whose noise is each copy's own
+        actions = np.tile(env.action_space.sample()[:1], (3, 1))
+        for _ in range(3):
+            np.testing.assert_array_equal(env.step(actions)[0], other.step(actions)[0][::-1])
+    for wrong in (taken[:2], [{}] * 3):
+        with pytest.raises(EverystateError, match="physics"):
+            env.set_physics(wrong)
 
 
 def test_snapshot_of_something_else_is_refused(body: str) -> None:

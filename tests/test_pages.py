@@ -23,7 +23,6 @@ ELSEWHERE = {
 SHORTER = {
     "render": ["--size", "160", "120"],
     "studio": ["--port", "0"],
-    "evaluate": ["--no-plan"],
     "compare": ["--agents", "random", "--seeds", "1"],
 }
 

@@ -53,7 +53,7 @@ def fake_run(folder: Path, epochs: int = 80, *, seed: int = 0) -> Path:
         line |= {"episode/length": 40 * rng.uniform(), "episode/reached": progress * rng.uniform()}
         line |= {"episode/ended": float(epoch % 3), "env/falls_per_1000": 3 * rng.uniform()}
         if epoch % 10 == 0:
-            line |= {"eval/success@0.5/floor": progress, "eval/success@0.5/ledge": progress**2}
+            line |= {"eval/rest/score/floor": progress, "eval/rest/score/ledge": progress**2}
         lines.append(json.dumps(line))
     (folder / "metrics.jsonl").write_text("\n".join(lines) + "\n")
     (folder / "samples").mkdir(exist_ok=True)
@@ -68,7 +68,7 @@ def fake_run(folder: Path, epochs: int = 80, *, seed: int = 0) -> Path:
 
 @pytest.fixture(scope="module")
 def result() -> dict[str, Any]:
-    return evaluation.evaluate(Straight())
+    return evaluation.evaluate(Straight(), plan=True)
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_page_stands_alone_beside_its_pictures(tmp_path: Path, result: dict[str,
     assert page == run / "report" / "index.html"
     names = {path.stem for path in page.parent.glob("*.png")}
     assert names == {
-        *("success", "filmstrip", "values", "policy", "goals"),
+        *("success-rest", "filmstrip", "values", "policy", "goals"),
         *("coverage", "episodes", "replay", "targets", "losses", "evaluation"),
     }
     assert text.count("data:image/png;base64,") == len(names)
@@ -115,7 +115,7 @@ def test_without_graphics_the_page_says_what_to_install(
     assert "apt-get install libegl1" in text
     assert not (run / "report" / "filmstrip.png").exists()
     assert (run / "report" / "notes.txt").read_text() == "mine"
-    assert (run / "report" / "success.png").stat().st_size > 10_000
+    assert (run / "report" / "success-rest.png").stat().st_size > 10_000
 
 
 @pytest.mark.usefixtures("drawn")
@@ -123,15 +123,15 @@ def test_a_run_without_metrics_or_samples_still_has_a_report(
     tmp_path: Path, result: dict[str, Any]
 ) -> None:
     (tmp_path / "bare").mkdir()
-    page = viewing.report(tmp_path / "bare", result | {"success_plan": None}, agent=Straight())
+    page = viewing.report(tmp_path / "bare", result, agent=Straight())
     names = {path.stem for path in page.parent.glob("*.png")}
-    assert names == {"success", "filmstrip", "values", "policy"}
+    assert names == {"success-rest", "filmstrip", "values", "policy"}
 
 
 def test_drawing_leaves_the_users_style_alone(tmp_path: Path, result: dict[str, Any]) -> None:
     before = dict(mpl.rcParams)
-    plots.save(plots.success_by_region(result), tmp_path / "a.png")
-    plots.save(plots.success_by_region(result), tmp_path / "b.png")
+    plots.save(plots.success_by_group(result["suites"]["rest"]), tmp_path / "a.png")
+    plots.save(plots.success_by_group(result["suites"]["rest"]), tmp_path / "b.png")
     assert dict(mpl.rcParams) == before
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
@@ -165,7 +165,7 @@ def test_many_settings_are_dots_and_their_medians(tmp_path: Path) -> None:
         for seed, rate in enumerate(rates):
             groups[name].append(tmp_path / name / f"seed{seed}")
             groups[name][-1].mkdir(parents=True)
-            result = {"success": {"all": {"0.5": {"last": rate}}}}
+            result = {"suites": {"rest": {"policy": {"score": {"all": rate}}}}}
             (groups[name][-1] / "evaluation.json").write_text(json.dumps(result))
     (ax,) = figures.settings(groups).axes
     drawn = [np.asarray(line.get_xdata()).tolist() for line in ax.lines]
@@ -206,7 +206,7 @@ def test_skills_of_several_settings_are_medians_over_their_seeds(tmp_path: Path)
     for seed, rate in enumerate((0.2, 0.4, 1.0)):
         folders.append(tmp_path / f"seed{seed}")
         folders[-1].mkdir()
-        result = {"skills_plan": {"balance": rate, "spin": 1.0}}
+        result = {"skills": {"planning": {"balance": rate, "spin": 1.0}}}
         (folders[-1] / "evaluation.json").write_text(json.dumps(result))
     (empty := tmp_path / "empty").mkdir()
     figure = figures.skill_rates({"three": folders, "none": [empty]})

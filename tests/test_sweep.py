@@ -12,7 +12,7 @@ from everystate.cli import main
 from everystate.errors import EverystateError
 from everystate.scaling import cluster, tuning
 from everystate.scaling import trial as trials
-from everystate.scaling.plan import Trial, read
+from everystate.scaling.plan import Evaluation, Trial, read
 
 ROOT = Path(__file__).parents[1]
 SMALL = """
@@ -35,7 +35,7 @@ plan = false
 episodes = 10
 [search]
 trials = 3
-metric = "success/all/0.5/any"
+metric = "suites/rest/policy/success/max/all/0.5/hit"
 [search.space]
 learning_rate = {low = 1e-4, high = 1e-2, log = true}
 N = {low = 1, high = 4}
@@ -50,12 +50,17 @@ def write(folder: Path, text: str) -> Path:
 
 
 def evaluated(seed: int, success: float) -> dict[str, Any]:
-    one = {"0.5": {"any": 1.0, "last": success}}
+    one = {"0.5": {"hit": 1.0, "end": success}}
+    policy = {
+        "score": {"floor": success, "all": success},
+        "success": {"max": {"floor": one, "all": one}},
+        "falls_per_1000_steps": {"all": 2.0},
+    }
     return {
         "body": "ramp-pointmass",
         "config": {"seed": seed},
-        "success": {"floor": one, "all": one},
-        "falls_per_1000_steps": 2.0,
+        "score": success,
+        "suites": {"rest": {"tasks": 10, "policy": policy, "planning": None}},
     }
 
 
@@ -65,7 +70,7 @@ def keep(trial: Trial, out: Path, result: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     config = {"config": json.loads(json.dumps(trials.config_to_json(trial.config)))}
     (folder / "config.json").write_text(json.dumps(config))
-    line = {"epoch": 1, "steps": 10, "episode/reached": 0.5, "eval/success@0.5/all": 0.5}
+    line = {"epoch": 1, "steps": 10, "episode/reached": 0.5, "eval/rest/score/all": 0.5}
     (folder / "metrics.jsonl").write_text(json.dumps(line) + "\n")
     (folder / "evaluation.json").write_text(json.dumps(result))
 
@@ -77,7 +82,7 @@ def test_runs_are_seed_by_seed_with_their_own_options(tmp_path: Path) -> None:
     ]
     assert [(one.config.seed, one.config.p_curric) for one in found[1:3]] == [(0, 0.0), (1, 0.2)]
     assert {(one.config.epochs, one.config.evaluation_period) for one in found} == {(2, 1)}
-    assert found[0].evaluation == (False, None, 10, False)
+    assert found[0].evaluation == Evaluation(plan=False, episodes=10)
 
 
 def test_several_bodies_have_their_names_in_front(tmp_path: Path) -> None:
@@ -139,7 +144,7 @@ def test_a_run_is_trained_measured_and_then_left_alone(tmp_path: Path) -> None:
     trials.run(trial, tmp_path, lambda metrics: epochs.append(metrics["epoch"]))
     kept = tmp_path / trial.name / "evaluation.json"
     assert epochs == [1, 2]
-    assert json.loads(kept.read_text())["goals"] == 10
+    assert json.loads(kept.read_text())["suites"]["rest"]["tasks"] == 10
     before = kept.stat().st_mtime_ns
     trials.run(trial, tmp_path)
     assert kept.stat().st_mtime_ns == before
@@ -170,8 +175,8 @@ def test_settings_are_told_over_their_seeds(tmp_path: Path) -> None:
     for trial, success in zip(plan.trials(), (0.2, 0.6, 0.4, 1.0), strict=True):
         keep(trial, tmp_path, evaluated(trial.config.seed, success))
     lines = scaling.write(plan, tmp_path).splitlines()
-    assert lines[0].startswith("| setting | seeds | floor | all goals |")
-    assert lines[2].startswith("| as-it-is | 2 | 30 | 30 [20, 40] | 100 |")
+    assert lines[0].startswith("| setting | seeds | floor | rest | falls per 1,000 steps |")
+    assert lines[2].startswith("| as-it-is | 2 | 30 | 30 [20, 40] | 2.0 |")
     assert lines[3].startswith("| no-curriculum | 2 | 80 | 80 [60, 100] |")
     assert json.loads((tmp_path / "summary.json").read_text())["as-it-is"]["seeds"] == [0, 1]
     assert (tmp_path / "success.png").exists()
@@ -211,7 +216,7 @@ def test_that_ray_is_not_installed_is_told(
 def test_skills_without_planning_have_their_column(tmp_path: Path) -> None:
     plan = read(write(tmp_path, SMALL))
     for trial in plan.trials():
-        skills = {"skills": {"climb": 0.4, "cross": 0.8}, "skills_plan": None}
+        skills = {"skills": {"policy": {"climb": 0.4, "cross": 0.8}, "planning": None}}
         keep(trial, tmp_path, evaluated(trial.config.seed, 0.5) | skills)
     lines = scaling.write(plan, tmp_path).splitlines()
     assert "| skills, mean |" in lines[0]

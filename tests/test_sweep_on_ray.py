@@ -38,7 +38,7 @@ def evaluations(out: Path) -> dict[str, str]:
     found = {}
     for path in sorted(out.glob("*/**/evaluation.json")):
         result = json.loads(path.read_text())
-        found[str(path.parent.relative_to(out))] = json.dumps([result["success"], result["config"]])
+        found[str(path.parent.relative_to(out))] = json.dumps([result["suites"], result["config"]])
     return found
 
 

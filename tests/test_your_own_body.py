@@ -28,7 +28,7 @@ def test_from_a_file_to_an_agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert cli.main(["bodies", "arm.xml"]) == 0
     assert cli.main(["train", "arm.xml", "--run-dir", str(run), *SHORT]) == 0
     exec(block("python"), {})
-    assert cli.main(["evaluate", str(run), "--episodes", "3", "--no-plan"]) == 0
+    assert cli.main(["evaluate", str(run), "--episodes", "3"]) == 0
 
 
 def test_a_class_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,8 +81,9 @@ def evaluate(argv: list[str]) -> None:
     with _working("measuring"):
         result = evaluation.evaluate(
             options.run,
+            suite=options.suite or None,
+            split=options.split,
             plan=options.plan,
-            goals_file=options.goals,
             episodes=options.episodes,
             skills=options.skills,
             perturb=options.perturb == "grid",
@@ -90,11 +91,8 @@ def evaluate(argv: list[str]) -> None:
     if options.json:
         print(json.dumps(result))
         return
-    _print(evaluation.table(result))
-    if options.skills:
-        _print(evaluation.skills_table(result))
-    if options.perturb:
-        _print(evaluation.perturbed_table(result))
+    for table in evaluation.tables(result):
+        _print(table)
 
 
 def compare(argv: list[str]) -> None:
@@ -167,7 +165,8 @@ def demo(argv: list[str]) -> None:
 
     with _working("measuring"):
         result = evaluation.evaluate(run_dir)
-    _print(evaluation.table(result))
+    for table in evaluation.tables(result):
+        _print(table)
     print(f"report:      {viewing.report(run_dir, result)}")
     print(f"run:         {run_dir}")
     print(f"all metrics: {run_dir}/metrics.jsonl, and {run_dir}/tensorboard for TensorBoard")

@@ -46,12 +46,17 @@ class Evaluate:
     """Run folder, exported agent, or the name of an agent that comes with everystate."""
     json: bool = False
     """The last line is one JSON object."""
-    goals: Path | None = None
-    """A goal suite of your own, in the form of those in everystate/evaluation/suites."""
+    out: Path | None = None
+    """Also write the result to this file, which must not exist."""
+    suite: tuple[str, ...] = ()
+    """Suites of the body, as rest and motion, or paths of your own (.json, in the form of those in
+    everystate/evaluation/suites); by default all that it has."""
+    split: Literal["report", "tune"] = "report"
+    """Which half of its goals: tune while you choose settings, report for what you publish."""
     episodes: int | None = None
-    """Only so many goals, evenly taken from the suite."""
-    plan: bool = True
-    """Measure planning at act time too."""
+    """Only so many goals of each suite, evenly taken."""
+    plan: bool = False
+    """Measure planning at act time too, which takes its time."""
     skills: bool = False
     """Measure the named skills of the body too."""
     perturb: Literal["grid"] | None = None

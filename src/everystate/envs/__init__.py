@@ -16,7 +16,7 @@ from everystate.envs.gymnasium_vector import GymnasiumVectorEnv
 from everystate.envs.joints import JointBody
 from everystate.envs.mujoco_vector import MujocoVectorEnv
 from everystate.envs.ramp_pointmass import RampPointmass
-from everystate.envs.vector import BodyVectorEnv, random_play
+from everystate.envs.vector import BodyVectorEnv, Physics, random_play
 from everystate.errors import EverystateError, suggest
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "GymnasiumVectorEnv",
     "JointBody",
     "MujocoVectorEnv",
+    "Physics",
     "RampPointmass",
     "make",
     "parse_options",

@@ -2,6 +2,7 @@
 
 import functools
 import json
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import gymnasium
@@ -14,7 +15,7 @@ from everystate.envs import snapshot
 from everystate.envs.adapt import EXTRA, ActionScaling, Flattening, make_single
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.rendering import headless
-from everystate.envs.vector import BodyVectorEnv
+from everystate.envs.vector import BodyVectorEnv, Physics
 from everystate.errors import EverystateError
 
 
@@ -113,6 +114,31 @@ class GymnasiumVectorEnv(BodyVectorEnv):
             snapshot.put(env, one)
         self._current[:] = state["current"]
         self._seed, self._draws = (int(n) for n in state["random"])
+
+    def get_physics(self) -> list[Physics]:
+        """What can be read of each body, and what it observes."""
+        return [
+            {"snapshot": snapshot.take(env), "observation": current.tolist()}
+            for env, current in zip(self.envs, self._current, strict=True)
+        ]
+
+    def set_physics(self, states: Sequence[Physics]) -> None:
+        """Gives each body such a snapshot."""
+        if len(states) != self.num_envs:
+            raise EverystateError(
+                f"{len(states)} physics states for {self.num_envs} x {self.name}: give one each"
+            )
+        for state in states:
+            if set(state) != {"snapshot", "observation"} or (
+                len(state["observation"]) != self._flatten.size
+            ):
+                raise EverystateError(
+                    f"a physics state of {self.name} has a snapshot and an observation of"
+                    f" {self._flatten.size} numbers, as get_physics returns them"
+                )
+        for i, (env, state) in enumerate(zip(self.envs, states, strict=True)):
+            snapshot.put(env, state["snapshot"])
+            self._current[i] = state["observation"]
 
     def set_observations(self, observations: Float[np.ndarray, "envs state"]) -> None:
         """Impossible: what such a body observes need not be all there is to its state."""

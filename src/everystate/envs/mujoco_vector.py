@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Shaped, UInt8
 from everystate.envs.body import Body, load_model
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.rendering import render_states
-from everystate.envs.vector import BodyVectorEnv, require_finite
+from everystate.envs.vector import BodyVectorEnv, Physics, require_finite
 from everystate.errors import EverystateError
 
 # mjSTATE_INTEGRATION by name: all that decides the future of a simulation.
@@ -73,8 +73,34 @@ class MujocoVectorEnv(BodyVectorEnv):
                 f" {self.observation_space.shape}"
             )
         require_finite(observations, self.state_names)
+        self._put(*self.body.place(observations))
+
+    def _put(self, qpos: Float[np.ndarray, "envs nq"], qvel: Float[np.ndarray, "envs nv"]) -> None:
+        """As if just built there: no warm start, no activation of motors."""
         self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
-        self._physics["qpos"][:], self._physics["qvel"][:] = self.body.place(observations)
+        self._physics["qpos"][:], self._physics["qvel"][:] = qpos, qvel
+
+    def get_physics(self) -> list[Physics]:
+        """qpos and qvel of each body, unrounded."""
+        columns = (self._physics[name].tolist() for name in ("qpos", "qvel"))
+        return [{"qpos": q, "qvel": v} for q, v in zip(*columns, strict=True)]
+
+    def set_physics(self, states: Sequence[Physics]) -> None:
+        """Puts each body to such a qpos and qvel, as if it had just been built there."""
+        shapes = {name: self._physics[name].shape for name in ("qpos", "qvel")}
+        try:
+            given = {n: np.array([s[n] for s in states], dtype=np.float64) for n in shapes}
+        except (KeyError, TypeError, ValueError) as error:
+            raise EverystateError(
+                f"a physics state of {self.name} needs numbers for qpos and qvel: {error}"
+            ) from error
+        for name, shape in shapes.items():
+            if given[name].shape != shape or not np.isfinite(given[name]).all():
+                raise EverystateError(
+                    f"{name} of the physics states has shape {given[name].shape}: expected finite"
+                    f" numbers in the shape {shape} for {self.num_envs} x {self.name}"
+                )
+        self._put(given["qpos"], given["qvel"])
 
     def get_state(self) -> dict[str, np.ndarray]:
         """All that decides the future: the physics, and where the random numbers stand."""

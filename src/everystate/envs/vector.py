@@ -21,6 +21,10 @@ from everystate.errors import EverystateError
 _TOLERANCE = 1e-6  # what rounding may carry an action beyond [-1, 1]
 
 
+Physics = dict[str, Any]
+"""The state of one body as JSON can hold it: qpos and qvel, or a Gymnasium body's snapshot."""
+
+
 class Scaling(NamedTuple):
     """What makes a body's states about of unit size: (state - centre) / spread."""
 
@@ -113,6 +117,21 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         """Puts the bodies into the given states, as if they had just been built there."""
 
     @abstractmethod
+    def get_physics(self) -> list[Physics]:
+        """The physics of each body on its own, as goal suites keep it; no random numbers."""
+
+    @abstractmethod
+    def set_physics(self, states: Sequence[Physics]) -> None:
+        """Puts each body into a state that `get_physics` returned, as if just built there.
+
+        What it observes there is the same; what follows is too for MuJoCo bodies, whose solver
+        starts afresh both times, and where `exact_restore` for others.
+
+        Raises:
+            EverystateError: as many states as bodies are needed, each of this kind of body.
+        """
+
+    @abstractmethod
     def render_states(
         self,
         observations: Float[np.ndarray, "steps state"],
@@ -162,6 +181,10 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
             self._start(ended)
             observations[ended] = self._sense()[ended]
         return observations, np.zeros(self.num_envs), ended.copy(), self._never.copy(), info
+
+    def observe(self) -> Float32[np.ndarray, "envs state"]:
+        """What each body observes now, sensor noise included; nothing moves."""
+        return self._sense()
 
     def describe(self) -> str:
         """What it is, in lines for people: sizes, state, control step, source."""

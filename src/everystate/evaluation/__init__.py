@@ -1,26 +1,23 @@
-"""How well an agent reaches the states of a fixed suite, how safely, and how well it knows."""
+"""How well an agent reaches the states of fixed suites, how safely, and how well it knows."""
 
 from everystate.evaluation.agents import Agent
-from everystate.evaluation.evaluate import (
-    coverage,
-    evaluate,
-    perturbed_table,
-    rollout,
-    skills_table,
-    table,
-)
+from everystate.evaluation.evaluate import coverage, described, evaluate, logged
+from everystate.evaluation.measure import apart_from, measure, rollout
 from everystate.evaluation.performances import perform, success_rates
 from everystate.evaluation.provenance import provenance
+from everystate.evaluation.tables import tables
 
 __all__ = [
     "Agent",
+    "apart_from",
     "coverage",
+    "described",
     "evaluate",
+    "logged",
+    "measure",
     "perform",
-    "perturbed_table",
     "provenance",
     "rollout",
-    "skills_table",
     "success_rates",
-    "table",
+    "tables",
 ]

@@ -11,6 +11,8 @@ from everystate.errors import EverystateError
 
 CONFIDENCE = 0.9
 _RESAMPLES = 10_000
+_DESCRIBED = ("tasks", "sigma", "made_from_seed", "starts")
+"""Of a result: what is no measurement, or one for each task."""
 
 
 def interquartile_mean(
@@ -58,11 +60,7 @@ def over_seeds(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     seeds = [result["config"]["seed"] for result in results]
     if len(set(seeds)) < len(seeds):
         raise EverystateError(f"training seeds are {sorted(seeds)}: each may occur only once")
-    measured = (
-        *("success", "success_plan", "skills", "skills_plan", "position_only"),
-        "falls_per_1000_steps",
-        *("falls_by_region", "calibration", "coverage"),
-    )
+    measured = ("score", "suites", "skills", "coverage")
     combined: dict[str, Any] = {"body": bodies.pop(), "seeds": seeds}
     for path in dict.fromkeys(p for r in results for p in _numbers(r, measured)):
         values = [float(value) for r in results if (value := _at(r, path)) is not None]
@@ -80,7 +78,8 @@ def _numbers(
     for name in names:
         value = tree.get(name)
         if isinstance(value, Mapping):
-            yield from _numbers(value, list(value), (*above, name))
+            inner = [n for n in value if n not in _DESCRIBED]
+            yield from _numbers(value, inner, (*above, name))
         elif isinstance(value, (int, float)):
             yield (*above, name)
 

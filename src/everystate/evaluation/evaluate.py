@@ -1,19 +1,15 @@
-"""Sends an agent to every goal of a suite, all at once, and measures how that went."""
+"""Everything that is measured of an agent, in one result."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-from rich.table import Table
-
-from everystate.agent import config_to_json, load, step_seed
+from everystate.agent import config_to_json, load
 from everystate.agent.files import read_lines
-from everystate.envs import BodyVectorEnv, make, parse_options
-from everystate.evaluation import metrics, suites
+from everystate.evaluation import suites
 from everystate.evaluation.agents import Agent
+from everystate.evaluation.measure import measure
 from everystate.evaluation.performances import STARTS, success_rates
 from everystate.evaluation.perturbations import GRID, summarised
 from everystate.evaluation.provenance import provenance
@@ -23,96 +19,69 @@ from everystate.skills import skills_of
 def evaluate(
     agent: Agent | Path | str,
     *,
-    plan: bool = True,
-    goals_file: Path | str | None = None,
+    suite: Sequence[str | Path] | str | Path | None = None,
+    split: suites.Split = "report",
+    plan: bool = False,
     episodes: int | None = None,
     skills: bool = False,
     perturb: bool = False,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Goal reaching on the fixed suite of the agent's body, under the body's own noise.
+    """Goal reaching on the fixed suites of the agent's body, under the body's own noise.
 
     Args:
         agent: an agent, or a path to its run, checkpoint or export.
-        plan: measure planning at act time too; otherwise `success_plan` is None.
-        goals_file: a goal suite of one's own instead of the body's.
-        episodes: only so many goals, evenly taken from the suite.
-        skills: also the named skills of the body; otherwise `skills` and `skills_plan` are None.
+        suite: names of suites of the body, or files of one's own; by default all that it has.
+        split: "report", or "tune", to look at while settings are chosen.
+        plan: measure planning at act time too; otherwise `planning` is None.
+        episodes: only so many tasks of each suite, evenly taken.
+        skills: also the named skills of the body; otherwise `skills` is None.
         perturb: also in each world of `perturbations.GRID`; otherwise `perturbed` is None.
         seed: of the body's noise and of planning; the same seed gives the same result.
 
     Returns:
-        What JSON can hold: `success`, `success_plan` and `position_only` by region, eps, reading;
-        `skills` and `skills_plan` as shares of 20 starts by name; `perturbed` as in
-        `perturbations.summarised`;
-        `falls_per_1000_steps`; `calibration` of -V against measured steps; `coverage` of the run,
-        if it is one; then config, seed, command, commit, machine and versions. None stands where
-        there is no number. Only what is under `time` depends on the clock.
+        What JSON can hold: `score`, the mean of the policy's over the suites; `suites` by name,
+        each with what `measure` returns as `policy` and `planning`, and the suite's split,
+        checksum, sigma and number of tasks; `skills` as shares of starts by name, under `policy`
+        and `planning`; `perturbed` as in `perturbations.summarised`, of end@0.5 on the first
+        suite; `coverage` of the run, if it is one; then config, seed, command, commit, machine and
+        versions. None stands where there is no number. Only what is under `time` depends on the
+        clock.
     """
     started = time.monotonic()
     run = None
     if isinstance(agent, (str, Path)):
         run, agent = Path(agent), load(agent)
+    config = agent.config
     if skills:
-        skills_of(agent.config.body)  # a body without any is better told now than after the goals
-    suite = suites.load(agent.config.body, goals_file, agent.config.body_options)
+        skills_of(config.body)  # a body without any is better told now than after the goals
+    if suite is None:
+        suite = suites.names(config.body, config.body_options)
+    wanted = [suite] if isinstance(suite, (str, Path)) else list(suite)
+    loaded = [suites.load(config.body, one, config.body_options, split) for one in wanted]
     if episodes is not None:
-        suite = suite.subset(episodes)
-    with_policy = _measure(agent, suite, plan=False, seed=seed)
-    planning = _measure(agent, suite, plan=True, seed=seed) if plan else None
+        loaded = [one.subset(episodes) for one in loaded]
+    ways = {"policy": False} | ({"planning": True} if plan else {})
+    measured = {}
+    for one in loaded:
+        by = {way: measure(agent, one, plan=plans, seed=seed) for way, plans in ways.items()}
+        measured[one.name] = {"planning": None} | by | described(one)
+    shown = None
+    if skills:
+        rates = {way: success_rates(agent, plan=p, seed=seed) for way, p in ways.items()}
+        shown = {"planning": None, "starts": STARTS} | rates
     return {
-        "body": suite.body,
-        "goals": len(suite.goals),
-        "success": with_policy["success"],
-        "success_plan": planning and planning["success"],
-        "position_only": with_policy["position_only"],
-        "skills": success_rates(agent, plan=False, seed=seed) if skills else None,
-        "skills_plan": success_rates(agent, plan=True, seed=seed) if skills and plan else None,
-        "perturbed": _perturbed(agent, suite, plan=plan, seed=seed) if perturb else None,
-        "falls_per_1000_steps": with_policy["falls_per_1000_steps"],
-        "falls_by_region": with_policy["falls_by_region"],
-        "calibration": with_policy["calibration"],
+        "body": config.body,
+        "score": sum(one["policy"]["score"]["all"] for one in measured.values()) / len(measured),
+        "suites": measured,
+        "skills": shown,
+        "perturbed": _perturbed(agent, loaded[0], ways, seed) if perturb else None,
         "coverage": coverage(run),
-        "plan": planning and {k: v for k, v in planning.items() if k.startswith("falls")},
         "seed": seed,
-        "suite": {
-            "file": None if goals_file is None else Path(goals_file).name,
-            "notes": suite.notes,
-            "seed": suite.seed,
-            "sigma": dict(zip(suite.components, suite.sigma.tolist(), strict=True)),
-        },
-        "config": config_to_json(agent.config),
+        "config": config_to_json(config),
         **provenance(),
         "time": {"seconds": round(time.monotonic() - started, 2)},
     }
-
-
-def rollout(
-    agent: Agent,
-    env: BodyVectorEnv,
-    starts: Float[np.ndarray, "envs state"] | None,
-    goals: Float[np.ndarray, "envs state"],
-    steps: int,
-    *,
-    plan: bool,
-    seed: int,
-) -> Float[np.ndarray, "_ envs state"]:
-    """States [steps + 1, envs, state] of bodies sent from starts to goals; no episode rule.
-
-    Without starts each body sets out from where a reset puts it.
-    """
-    if starts is None:
-        observations, _ = env.reset(seed=seed)
-    else:
-        env.set_observations(starts)
-        observations = np.asarray(starts, dtype=np.float32)
-    goals = np.asarray(goals, dtype=np.float32)
-    states = [observations]
-    for step in range(steps):
-        actions = agent.act(observations, goals, plan=plan, seed=step_seed(seed, step))
-        observations, _, _, _, info = env.step(actions)
-        states.append(info.get("final_obs", observations))
-    return np.stack(states)
 
 
 def coverage(run: Path | None) -> dict[str, float] | None:
@@ -122,98 +91,46 @@ def coverage(run: Path | None) -> dict[str, float] | None:
     return {n.removeprefix("coverage/"): x for n, x in last.items() if n[:9] == "coverage/"} or None
 
 
-def table(result: Mapping[str, Any]) -> Table:
-    """The result as it is printed: one row per region, at most 80 columns wide."""
-    shown = Table(title=f"Goal reaching, {result['body']}, {result['goals']} goals")
-    shown.add_column("goals on")
-    for eps in metrics.EPS:
-        shown.add_column(f"last step\n@{eps:g}", justify="right")
-    shown.add_column("any step\n@0.5", justify="right")
-    if result["success_plan"]:
-        shown.add_column("planning\nlast @0.5", justify="right")
-    for name, row in result["success"].items():
-        if name == "all":
-            shown.add_section()
-        cells = [row[f"{eps:g}"]["last"] for eps in metrics.EPS] + [row["0.5"]["any"]]
-        if result["success_plan"]:
-            cells.append(result["success_plan"][name]["0.5"]["last"])
-        shown.add_row(name, *(f"{100 * cell:.1f} %" for cell in cells))
-    steps_off = result["calibration"]["mae"]
-    shown.caption = f"{result['falls_per_1000_steps']:.1f} falls per 1,000 steps" + (
-        "" if steps_off is None else f"; -V is off by {steps_off:.1f} steps on average"
-    )
-    return shown
+def logged(agent: Agent, *, seed: int = 0) -> dict[str, float]:
+    """What a run logs of its `tune` suites while it trains, by the policy alone.
+
+    `eval/SUITE/score/GROUP`; and over all tasks of the suite `eval/SUITE/READING@EPS` by the
+    largest component, `eval/SUITE/rms_READING@EPS`, and the medians of the closest approach.
+    """
+    result = evaluate(agent, split="tune", seed=seed)
+    found: dict[str, float] = {}
+    for name, one in result["suites"].items():
+        policy, place = one["policy"], f"eval/{name}"
+        found |= {f"{place}/score/{group}": score for group, score in policy["score"].items()}
+        for way, groups in policy["success"].items():
+            mark = "" if way == "max" else f"{way}_"
+            for eps, readings in groups["all"].items():
+                found |= {f"{place}/{mark}{r}@{eps}": share for r, share in readings.items()}
+        closest = policy["closest"]["all"]
+        found |= {f"{place}/closest_{n}": x for n, x in closest.items() if x is not None}
+    return found
 
 
-def skills_table(result: Mapping[str, Any]) -> Table:
-    """The shares of starts from which the named skills succeeded."""
-    shown = Table(title="Named skills", caption=f"of {STARTS} starts")
-    shown.add_column("skill")
-    for heading in ("policy", "planning"):
-        shown.add_column(heading, justify="right")
-    planned = result["skills_plan"] or {}
-    for name, rate in result["skills"].items():
-        cells = [rate, *([planned[name]] if planned else [])]
-        shown.add_row(name, *(f"{100 * cell:.0f} %" for cell in cells))
-    return shown
+def described(suite: suites.Suite) -> dict[str, Any]:
+    """What a result says of a suite it was measured on."""
+    return {
+        "tasks": len(suite.goals),
+        "split": suite.split,
+        "scored_by": "{}, {}@0.5".format(*suite.scored_by),
+        "notes": suite.notes,
+        "made_from_seed": suite.seed,
+        "checksum": suites.checksum(suites.as_json(suite)),
+        "sigma": dict(zip(suite.components, suite.sigma.tolist(), strict=True)),
+    }
 
 
-def perturbed_table(result: Mapping[str, Any]) -> Table:
-    """Success over all goals in the worlds of the perturbation grid."""
-    shown = Table(title=f"Other masses, motors and noise, {len(GRID)} worlds")
-    shown.add_column("success@0.5, last step")
-    names = {"nominal": "as trained", "mean": "mean", "cvar10": "worst tenth", "worst": "worst"}
-    for heading in names.values():
-        shown.add_column(heading, justify="right")
-    for how, found in result["perturbed"].items():
-        if found:
-            shown.add_row(how, *(f"{100 * found[name]:.1f} %" for name in names))
-    return shown
-
-
-def _perturbed(agent: Agent, suite: suites.Suite, *, plan: bool, seed: int) -> dict[str, Any]:
+def _perturbed(
+    agent: Agent, suite: suites.Suite, ways: Mapping[str, bool], seed: int
+) -> dict[str, Any]:
     """What becomes of success in other worlds, by the policy and, if wanted, with planning."""
 
     def success(*, plan: bool) -> list[float]:
-        worlds = (_measure(agent, suite, plan=plan, seed=seed, world=w) for w in GRID)
-        return [world["success"]["all"]["0.5"]["last"] for world in worlds]
+        worlds = (measure(agent, suite, plan=plan, seed=seed, world=w) for w in GRID)
+        return [world["success"]["max"]["all"]["0.5"]["end"] for world in worlds]
 
-    return {
-        "policy": summarised(success(plan=False)),
-        "planning": summarised(success(plan=True)) if plan else None,
-    }
-
-
-def _measure(
-    agent: Agent,
-    suite: suites.Suite,
-    *,
-    plan: bool,
-    seed: int,
-    world: Mapping[str, float] | None = None,
-) -> dict[str, Any]:
-    options = parse_options(agent.config.body_options) | dict(world or {})
-    env = make(suite.body, len(suite.goals), seed, **options)
-    starts, goals, horizons = suite.starts, suite.goals, suite.horizons
-    states = rollout(agent, env, starts, goals, int(horizons.max()), plan=plan, seed=seed)
-    regions = env.regions(goals)
-    scored, scored_goals = env.scored(states[1:]), env.scored(goals)
-    angular = suite.mask(suite.angular)
-    distance = metrics.distances(scored, scored_goals, suite.sigma, angular)
-    at = suite.mask(suite.position)
-    place = metrics.distances(scored[..., at], scored_goals[..., at], suite.sigma[at], angular[at])
-    falls = env.falls(states[:-1], states[1:])
-    predicted = np.asarray(agent.steps_to_goal(states[0], goals.astype(np.float32)))
-    groups = {name: regions == name for name in dict.fromkeys(regions.tolist())}
-    return {
-        "success": metrics.success(distance, horizons, regions),
-        "position_only": metrics.success(place, horizons, regions),
-        "falls_per_1000_steps": metrics.rate(falls, horizons),
-        "falls_by_region": {
-            name: metrics.rate(falls[:, chosen], horizons[chosen])
-            for name, chosen in groups.items()
-        },
-        "calibration": metrics.calibration(
-            predicted, metrics.first_steps(distance, horizons, metrics.EPS[0])
-        ),
-    }
+    return {"planning": None} | {way: summarised(success(plan=p)) for way, p in ways.items()}

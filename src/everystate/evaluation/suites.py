@@ -1,26 +1,31 @@
-"""Goal suites: fixed goals, start states, horizons and units, so that numbers can be compared.
+"""Goal suites: fixed tasks, each from a start to a goal, so that numbers can be compared.
 
-A suite is one JSON file made by `experiments/make_suites.py`; success is told by the region of the
-goal, and in units of `sigma`, the spread of each scored component over a reference set.
+A suite is one JSON file, made by a script of `experiments/`. Each task has the physics of its
+start, its goal as it is observed, a horizon, and what kind it is. Success is in units of `sigma`,
+the spread of each scored component over a reference set that never changes. A body has a suite for
+each question (`rest`: states it can stay in; `motion`: states that it can only pass), each in two
+splits of different seeds: `tune`, to look at while settings are chosen, and `report`.
 """
 
 import dataclasses
-import functools
+import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from everystate import envs
 from everystate.agent.files import read_json
+from everystate.envs import BodyVectorEnv, Physics
 from everystate.errors import EverystateError, suggest
+from everystate.evaluation import metrics
 
 FOLDER = Path(__file__).with_name("suites")
-SUITES: tuple[str, ...] = tuple(sorted(path.stem for path in FOLDER.glob("*.json")))
+Split = Literal["tune", "report"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +33,8 @@ class Suite:
     """What an evaluation asks of a body. Arrays are in the body's own units."""
 
     body: str
+    name: str
+    split: str
     notes: str
     seed: int
     """Seed from which the suite was made; the evaluation has its own."""
@@ -38,151 +45,231 @@ class Suite:
     """Components that are angles in radians: their differences are wrapped."""
     position: tuple[str, ...]
     """Components that position-only success looks at."""
-    starts: Float[np.ndarray, "goals state"] | None
-    """None for a body that can only be reset: then it starts wherever that puts it."""
-    goals: Float[np.ndarray, "goals state"]
-    horizons: Int[np.ndarray, " goals"]
+    velocity: tuple[str, ...]
+    """Components that are velocities; the closest approach is told of them and of all others."""
+    starts: tuple[Physics, ...] | None
+    """As `BodyVectorEnv.get_physics` has it; None for a body that can only be reset."""
+    goals: Float[np.ndarray, "tasks state"]
+    """Observations."""
+    weights: Float[np.ndarray, "tasks scored"]
+    """How much each component counts: 1, or 0 for one that is not asked for."""
+    kinds: tuple[str, ...]
+    """Of each task."""
+    k: Int[np.ndarray, " tasks"]
+    """Steps from start to goal on the recorded path that the task was cut from; 0 without one."""
+    horizons: Int[np.ndarray, " tasks"]
     """Control steps given for each goal."""
+    actions: tuple[Float[np.ndarray, "_ action"], ...] | None = None
+    """Those that led from each start to its goal, for a suite cut from paths."""
 
     def __post_init__(self) -> None:
-        starts = self.goals if self.starts is None else self.starts
-        for name, values in (("sigma", self.sigma), ("starts", starts), ("goals", self.goals)):
+        what = f"suite {self.name!r} of {self.body}"
+        for name, values in (("sigma", self.sigma), ("goals", self.goals), ("k", self.k)):
             if not np.isfinite(values).all():
-                raise EverystateError(f"suite {name} of {self.body} must be finite numbers")
+                raise EverystateError(f"{what}: {name} must be finite numbers")
         if not (self.sigma > 0).all() or self.sigma.shape != (len(self.components),):
             raise EverystateError(
-                f"suite sigma must be positive, one for each of {self.components}"
+                f"{what}: sigma must be positive, one for each of {self.components}"
             )
-        counts = {len(starts), len(self.goals), len(self.horizons)}
-        if len(counts) != 1 or 0 in counts or starts.shape != self.goals.shape:
+        counts = {len(self.goals), len(self.horizons), len(self.kinds), len(self.k)}
+        counts |= {len(x) for x in (self.starts, self.actions) if x is not None}
+        if len(counts) != 1 or 0 in counts:
             raise EverystateError(
-                "suite starts, goals and horizons must be equally many, at least 1"
+                f"{what}: starts, goals, kinds, k and horizons must be equally many, at least 1"
             )
         if self.horizons.min() < 1:
             raise EverystateError(
-                f"suite horizon is {self.horizons.min()}: at least 1 step is needed"
+                f"{what}: horizon is {self.horizons.min()}: at least 1 step is needed"
             )
-        for name in (*self.angular, *self.position):
+        if self.weights.shape != (len(self.goals), len(self.components)) or not (
+            np.isfinite(self.weights).all() and (self.weights >= 0).all()
+        ):
+            raise EverystateError(f"{what}: weights must be 0 or more, one for each component")
+        if not (self.weights > 0).any(axis=1).all():
+            raise EverystateError(f"{what}: each task needs a component of a weight above 0")
+        for name in (*self.angular, *self.position, *self.velocity):
             if name not in self.components:
                 raise EverystateError(
-                    f"suite has no component {name!r}: {suggest(name, self.components)}"
+                    f"{what} has no component {name!r}: {suggest(name, self.components)}"
                 )
 
+    @property
+    def groups(self) -> dict[str, Bool[np.ndarray, " tasks"]]:
+        """Which tasks are of which kind, of which k, and all."""
+        kinds = np.array(self.kinds)
+        found = {kind: kinds == kind for kind in dict.fromkeys(self.kinds)}
+        found |= {f"k={k}": self.k == k for k in np.unique(self.k) if k > 0}
+        return found | {"all": np.ones(len(kinds), dtype=bool)}
+
+    @property
+    def scored_by(self) -> tuple[str, str]:
+        """Measure and reading, within 0.5 sigma, that make its one score.
+
+        Of what can only be passed that is a hit, and of all else the end.
+        """
+        if self.name != "motion":
+            return "max", "end"
+        return metrics.chief(len(self.components)), "hit"
+
     def subset(self, count: int) -> "Suite":
-        """About evenly spaced goals of the suite, which keeps the share of every region."""
+        """About evenly spaced tasks of the suite, which keeps the share of every kind."""
         if not 1 <= count <= len(self.goals):
             raise EverystateError(f"episodes is {count}: choose 1 to {len(self.goals)}")
-        kept = np.linspace(0, len(self.goals) - 1, count).round().astype(int)
-        return dataclasses.replace(
-            self,
-            starts=None if self.starts is None else self.starts[kept],
-            goals=self.goals[kept],
-            horizons=self.horizons[kept],
-        )
+        return self.only(np.linspace(0, len(self.goals) - 1, count).round().astype(int))
 
-    def mask(self, names: tuple[str, ...]) -> np.ndarray:
+    def only(self, chosen: Int[np.ndarray, " n"]) -> "Suite":
+        """These tasks of the suite."""
+
+        def of(values: tuple | None) -> tuple | None:
+            return None if values is None else tuple(values[i] for i in chosen)
+
+        arrays = {n: getattr(self, n)[chosen] for n in ("goals", "weights", "k", "horizons")}
+        lists = {n: of(getattr(self, n)) for n in ("starts", "kinds", "actions")}
+        return dataclasses.replace(self, **arrays, **lists)
+
+    def mask(self, names: tuple[str, ...]) -> Bool[np.ndarray, " scored"]:
         """Which scored components are named."""
         return np.array([name in names for name in self.components])
 
+    def begin(self, env: BodyVectorEnv, seed: int) -> Float[np.ndarray, "tasks state"]:
+        """Puts a body for each task to its start, or resets it; returns what they observe."""
+        if self.starts is None:
+            return env.reset(seed=seed)[0]
+        env.set_physics(self.starts)
+        return env.observe()
 
-def load(body: str, path: Path | str | None = None, options: Sequence[str] = ()) -> Suite:
-    """The body's own suite, or one from a file; for a body without either, one made on the spot.
 
-    So is that of a body whose options give it another state.
+def names(body: str, options: Sequence[str] = ()) -> tuple[str, ...]:
+    """The suites of a body: those in the package, or else one that is made on the spot."""
+    found = tuple(sorted(p.stem.removesuffix("-report") for p in FOLDER.glob(f"{body}/*-report.*")))
+    if not found or (options and _state(body, options) != _state(body)):
+        return ("visited",)
+    return tuple(sorted(found, key=lambda name: name != "rest"))
+
+
+def load(
+    body: str,
+    suite: Path | str | None = None,
+    options: Sequence[str] = (),
+    split: Split = "report",
+) -> Suite:
+    """A suite of the body by its name, or from a file; by default the first that it has.
+
+    Raises:
+        EverystateError: no such suite, or a file that is none, damaged, or of another body.
     """
-    if path is None:
-        if body not in SUITES or (options and _state(body, options) != _state(body)):
-            return on_the_spot(body, tuple(options))
-        path = FOLDER / f"{body}.json"
+    known = names(body, options)
+    suite = known[0] if suite is None else suite
+    if suite == "visited":
+        from everystate.evaluation.visited import on_the_spot
+
+        return on_the_spot(body, tuple(options), split)
+    shipped = suite in known
+    path = FOLDER / body / f"{suite}-{split}.json" if shipped else Path(suite)
+    if not shipped and path.suffix != ".json":
+        raise EverystateError(
+            f"{body} has no suite {str(suite)!r}: {suggest(str(suite), known)}, or the path of a"
+            " file ending in .json"
+        )
     try:
-        suite = from_json(read_json(Path(path)))
+        found = from_json(read_json(path), options)
     except OSError as error:
         raise EverystateError(f"cannot read goal suite {path}: {error.strerror}") from error
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise EverystateError(f"{path} is no goal suite: {error}") from error
     except KeyError as error:
         raise EverystateError(f"{path} is no goal suite: {error} is missing") from error
-    if suite.body != body:
-        raise EverystateError(f"{path} is a goal suite for {suite.body!r}, not for {body!r}")
-    return suite
+    if found.body != body:
+        raise EverystateError(f"{path} is a goal suite for {found.body!r}, not for {body!r}")
+    return found
 
 
 def _state(body: str, options: Sequence[str] = ()) -> Sequence[str]:
     return envs.make(body, 1, 0, **envs.parse_options(options)).state_names
 
 
-@functools.lru_cache(maxsize=4)
-def on_the_spot(body: str, options: tuple[str, ...] = (), seed: int = 0) -> Suite:
-    """A suite for any body: states that random actions led to, spread as evenly as they allow.
+def from_json(data: dict[str, Any], options: Sequence[str] = ()) -> Suite:
+    """Reads what `to_json` returned, or what a person wrote, who may leave out what has a default.
 
-    A body does not get everywhere by chance, so this asks for less than a suite made by hand.
+    A start may be the physics or, for a body that can be placed, what is observed.
     """
-    env = envs.make(body, 20, seed, **envs.parse_options(options))
-    played = envs.random_play(env, 400, seed).reshape(-1, len(env.state_names))
-    sigma = env.scored(played).std(axis=0)
-    chosen = spread_out(played / np.where(played.std(axis=0) > 1e-6, played.std(axis=0), 1), 200)
-    rng = np.random.default_rng(seed)
-    names = env.state_names
-    if sigma.shape != (len(names),):
-        raise EverystateError(f"{body} needs a goal suite of its own: give a file of goals")
-    return Suite(
-        body=body,
-        notes="Made on the spot from states reached by random actions.",
-        seed=seed,
-        components=names,
-        sigma=np.where(sigma > 1e-6, sigma, 1.0),
-        angular=(),
-        position=names,
-        starts=played[rng.choice(len(played), len(chosen))] if env.placeable else None,
-        goals=played[chosen],
-        horizons=np.full(len(chosen), 200),
-    )
-
-
-def spread_out(points: Float[np.ndarray, "n dims"], count: int) -> Int[np.ndarray, " count"]:
-    """Indices of points far from one another: each the farthest from all before it."""
-    chosen = [int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmin())]
-    nearest = np.full(len(points), np.inf)
-    for _ in range(min(count, len(points)) - 1):
-        nearest = np.minimum(nearest, ((points - points[chosen[-1]]) ** 2).sum(axis=1))
-        chosen.append(int(nearest.argmax()))
-    return np.array(chosen)
-
-
-def from_json(data: dict[str, Any]) -> Suite:
-    """Reads what `to_json` returned."""
-    if not data["tasks"]:
+    tasks, components = data["tasks"], tuple(data["components"])
+    if not tasks:
         raise ValueError("at least 1 task is needed")
-    starts = [task["start"] for task in data["tasks"]]
+    if "checksum" in data and data["checksum"] != checksum(data):
+        raise ValueError("its checksum is not that of its content: it was changed or damaged")
+    ones = [1.0] * len(components)
+    actions = [task.get("actions") for task in tasks]
     return Suite(
         body=data["body"],
+        name=data.get("name", "own"),
+        split=data.get("split", ""),
         notes=data.get("notes", ""),
         seed=data.get("seed", 0),
-        components=tuple(data["components"]),
+        components=components,
         sigma=np.array(data["sigma"], dtype=np.float64),
         angular=tuple(data.get("angular", ())),
         position=tuple(data["position"]),
-        starts=None if None in starts else np.array(starts, dtype=np.float64),
-        goals=np.array([task["goal"] for task in data["tasks"]], dtype=np.float64),
-        horizons=np.array([task["horizon"] for task in data["tasks"]], dtype=np.int64),
+        velocity=tuple(data.get("velocity", ())),
+        starts=_starts(data["body"], [task["start"] for task in tasks], options),
+        goals=np.array([task["goal"] for task in tasks], dtype=np.float64),
+        weights=np.array([task.get("weights", ones) for task in tasks], dtype=np.float64),
+        kinds=tuple(str(task.get("kind", "all")) for task in tasks),
+        k=np.array([task.get("k", 0) for task in tasks], dtype=np.int64),
+        horizons=np.array([task["horizon"] for task in tasks], dtype=np.int64),
+        actions=None if None in actions else tuple(np.array(a, dtype=np.float64) for a in actions),
     )
 
 
-def to_json(suite: Suite) -> str:
-    """One line per task, to be read and compared by people."""
-    head = {
+def _starts(body: str, starts: list[Any], options: Sequence[str]) -> tuple[Physics, ...] | None:
+    if None in starts:
+        return None
+    if all(isinstance(start, dict) for start in starts):
+        return tuple(starts)
+    env = envs.make(body, len(starts), 0, **envs.parse_options(options))
+    env.set_observations(np.array(starts, dtype=np.float64))
+    return tuple(env.get_physics())
+
+
+def as_json(suite: Suite) -> dict[str, Any]:
+    """What a suite's file holds, without its checksum."""
+    head: dict[str, Any] = {
         "body": suite.body,
+        "name": suite.name,
+        "split": suite.split,
         "notes": suite.notes,
         "seed": suite.seed,
-        "components": suite.components,
+        "components": list(suite.components),
         "sigma": suite.sigma.tolist(),
-        "angular": suite.angular,
-        "position": suite.position,
+        "angular": list(suite.angular),
+        "position": list(suite.position),
+        "velocity": list(suite.velocity),
     }
-    starts = [None] * len(suite.goals) if suite.starts is None else suite.starts.tolist()
-    tasks = [
-        json.dumps({"start": start, "goal": goal.tolist(), "horizon": int(horizon)})
-        for start, goal, horizon in zip(starts, suite.goals, suite.horizons, strict=True)
-    ]
-    lines = [f'"{name}": {json.dumps(value)}' for name, value in head.items()]
-    return "{\n" + ",\n".join([*lines, '"tasks": [\n' + ",\n".join(tasks)]) + "\n]\n}\n"
+    tasks = []
+    for i, goal in enumerate(suite.goals.tolist()):
+        task: dict[str, Any] = {"kind": suite.kinds[i]}
+        task |= {"k": int(suite.k[i])} if suite.k[i] else {}
+        task |= {"horizon": int(suite.horizons[i])}
+        task |= {"start": None if suite.starts is None else suite.starts[i], "goal": goal}
+        if (suite.weights[i] != 1).any():
+            task["weights"] = suite.weights[i].tolist()
+        if suite.actions is not None:
+            task["actions"] = suite.actions[i].tolist()
+        tasks.append(task)
+    return head | {"tasks": tasks}
+
+
+def to_json(suite: Suite) -> str:
+    """The file of a suite: one line per task, to be read and compared by people."""
+    data = as_json(suite)
+    tasks = ",\n".join(json.dumps(task) for task in data.pop("tasks"))
+    data["checksum"] = checksum(as_json(suite))
+    lines = [f'"{name}": {json.dumps(value)}' for name, value in data.items()]
+    return "{\n" + ",\n".join([*lines, f'"tasks": [\n{tasks}']) + "\n]\n}\n"
+
+
+def checksum(data: dict[str, Any]) -> str:
+    """SHA-256 of a suite's JSON, as canonical text and without its own checksum."""
+    rest = {name: value for name, value in data.items() if name != "checksum"}
+    text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

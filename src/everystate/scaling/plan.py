@@ -18,7 +18,7 @@ Instead of settings and seeds, a search has
 
     [search]
     trials = 20
-    metric = "success/all/0.5/last"  # a path into evaluation.json; the greater the better
+    metric = "score"  # a path into evaluation.json; the greater the better
 
     [search.space]
     learning_rate = {low = 1e-4, high = 1e-2, log = true}
@@ -37,6 +37,7 @@ from typing import Any, NamedTuple
 
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
+from everystate.evaluation import suites
 from everystate.presets import preset
 
 PERIOD = 20
@@ -46,8 +47,10 @@ PERIOD = 20
 class Evaluation(NamedTuple):
     """How every agent is measured in the end; see `everystate.evaluation.evaluate`."""
 
-    plan: bool = True
-    goals_file: str | None = None
+    suite: str | None = None
+    split: suites.Split = "report"
+    """Of a search `tune`, so that nothing is chosen by what is reported."""
+    plan: bool = False
     episodes: int | None = None
     skills: bool = False
 
@@ -169,6 +172,8 @@ def _sweep(given: Mapping[str, Any]) -> Sweep:
         raise EverystateError("search: takes one body, one seed and no settings")
     evaluation = _table(given, "evaluation")
     _require_known(evaluation, Evaluation._fields, "evaluation.")
+    if search:
+        evaluation = {"split": "tune", **evaluation}
     return Sweep(
         tuple(bodies),
         given.get("preset", "quick"),
@@ -182,7 +187,7 @@ def _sweep(given: Mapping[str, Any]) -> Sweep:
 
 def _search(given: Mapping[str, Any]) -> Search:
     _require_known(given, Search._fields, "search.")
-    trials, metric = given.get("trials"), given.get("metric", "success/all/0.5/last")
+    trials, metric = given.get("trials"), given.get("metric", "score")
     if not isinstance(trials, int) or trials < 1:
         raise EverystateError(f"search.trials = {trials}: give how many, 1 or more")
     space: dict[str, Range | tuple[Any, ...]] = {}

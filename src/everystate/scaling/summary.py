@@ -40,26 +40,38 @@ def write(plan: Sweep, out: Path) -> str:
 
 
 def table(summaries: Mapping[str, Any]) -> str:
-    """Settings of one body, in per cent; success is success@0.5 at the last step."""
-    regions = list(dict.fromkeys(r for one in summaries.values() for r in one["success"]))
-    regions = [region for region in regions if region != "all"]
-    planned = any(one.get("success_plan") for one in summaries.values())
+    """Settings of one body, in per cent: the score on each suite, by the policy.
+
+    The first suite is told by group too; all of it with the 90 % interval.
+    """
+    first = next(iter(summaries.values()))["suites"]
+    groups = [group for group in next(iter(first.values()))["policy"]["score"] if group != "all"]
+    planned = any(_planned(one) for one in summaries.values())
     skilled = any(one.get("skills") for one in summaries.values())
-    heads = ["setting", "seeds", *regions, "all goals", "all, at any step"]
-    heads += ["all, planning"] * planned + ["skills, mean"] * skilled + ["falls per 1,000 steps"]
+    heads = ["setting", "seeds", *groups, *first]
+    heads += [f"{name}, planning" for name in first] * planned
+    heads += ["skills, mean"] * skilled + ["falls per 1,000 steps"]
     rows = []
     for name, one in summaries.items():
-        every = one["success"]["all"]["0.5"]
+        by_suite = [suite["policy"] for suite in one["suites"].values()]
         cells = [name, str(len(one["seeds"]))]
-        cells += [percent(one["success"][region]["0.5"]["last"]) for region in regions]
-        cells += [percent_interval(every["last"]), percent(every["any"])]
+        cells += [percent(by_suite[0]["score"][group]) for group in groups]
+        cells += [percent_interval(policy["score"]["all"]) for policy in by_suite]
         if planned:
-            cells.append(percent(one["success_plan"]["all"]["0.5"]["last"]))
+            cells += [percent(x) if x else "-" for x in _planned(one) or [None] * len(by_suite)]
         if skilled:
-            rates = [rate["median"] for rate in (one.get("skills_plan") or one["skills"]).values()]
-            cells.append(f"{100 * sum(rates) / len(rates):.0f}")
-        rows.append([*cells, f"{one['falls_per_1000_steps']['median']:.1f}"])
+            skills = one.get("skills") or {}
+            rates = [rate["median"] for rate in skills.get("policy", {}).values()]
+            cells.append(f"{100 * sum(rates) / len(rates):.0f}" if rates else "-")
+        falls = by_suite[0]["falls_per_1000_steps"]["all"]
+        rows.append([*cells, f"{falls['median']:.1f}"])
     return markdown(heads, rows)
+
+
+def _planned(one: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Scores by planning, suite by suite, if it was measured."""
+    suites = one["suites"].values()
+    return [suite["planning"]["score"]["all"] for suite in suites if suite.get("planning")]
 
 
 def _write_search(plan: Sweep, out: Path) -> str:

@@ -169,7 +169,7 @@ def _run(
         snapshot = Snapshot(agent, collected.env, collected.observations, visited)
         metrics |= world_metrics(config, env, steps, snapshot)
         if config.evaluation_period and epoch % config.evaluation_period == 0:
-            metrics |= _evaluation_metrics(_agent(config, env, snapshot))
+            metrics |= evaluation.logged(_agent(config, env, snapshot))
         metrics |= {
             "time/collect_s": between - before,
             "time/update_s": after - between,
@@ -193,11 +193,6 @@ def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
     body = BodyInfo(tuple(env.state_names), action_size(env))
     models, scale = hosts.local((snapshot.agent.models, snapshot.agent.scale))
     return Agent(models, scale, config, body)
-
-
-def _evaluation_metrics(agent: Agent) -> dict[str, float]:
-    success = evaluation.evaluate(agent, plan=False)["success"]
-    return {f"eval/success@0.5/{name}": region["0.5"]["last"] for name, region in success.items()}
 
 
 @contextmanager

@@ -5,7 +5,7 @@ one in the run's report.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -34,7 +34,6 @@ _LABELS: dict[Over, str] = {
     "minutes": "minutes of training",
 }
 _MARKERS = "osD^vP*"
-EVALUATED = "eval/success@0.5/"  # what training logs of its evaluations, and then the region
 
 Run = Mapping[str, Float[np.ndarray, " epochs"]]
 
@@ -57,17 +56,13 @@ def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "step
     if not any(runs.values()):
         raise EverystateError("no runs to compare")
     regions = list(dict.fromkeys(r for group in finals.values() for f in group for r in f))
-    evaluated = list(
-        dict.fromkeys(
-            name.rpartition("/")[2]
-            for group in runs.values()
-            for run in group
-            for name in run
-            if name.startswith(EVALUATED)
-        )
-    )
+    evaluated = scores([name for group in runs.values() for run in group for name in run])
     panels = {"coverage/cells": "cells visited", "episode/reached": "training goals reached"}
-    panels |= {f"{EVALUATED}{region}": f"success@0.5, {region}" for region in evaluated}
+    panels |= {
+        name: f"suite {suite}, {group}"
+        for suite, labels in evaluated.items()
+        for name, group in labels.items()
+    }
     known = {name for group in runs.values() for run in group for name in run}
     panels = {name: title for name, title in panels.items() if name in known}
     bars = bool(regions) and not evaluated
@@ -92,6 +87,22 @@ def comparison(groups: Mapping[str, Sequence[Path | str]], *, over: Over = "step
     handles, labels = grid[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=min(len(groups), 4))
     return figure
+
+
+def scores(names: Iterable[str]) -> dict[str, dict[str, str]]:
+    """What training logs of its evaluations: `[suite][column] = group`.
+
+    Of a suite with ks those and `all`; of any other every group.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for name in dict.fromkeys(names):
+        if name.startswith("eval/") and "/score/" in name:
+            _, suite, _, group = name.split("/", 3)
+            found.setdefault(suite, {})[name] = group
+    for suite, labels in found.items():
+        ks = {n: group for n, group in labels.items() if group.startswith("k=") or group == "all"}
+        found[suite] = ks if len(ks) > 1 else labels
+    return found
 
 
 @styled
@@ -128,7 +139,7 @@ def skill_rates(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
 
 @styled
 def settings(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
-    """Success@0.5 at the last step in the end, by region: a row per setting, too many for curves.
+    """Scores in the end, by suite and group: a row per setting, too many for curves.
 
     Dots are seeds, bars their median; the dashed line is the first setting's.
 
@@ -140,16 +151,15 @@ def settings(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
     if not regions:
         raise EverystateError("no evaluation.json: run `everystate evaluate`")
     figure = Figure(figsize=(WIDTH, 0.9 + 0.22 * len(finals)))
-    for i, (ax, region) in enumerate(
-        zip(figure.subplots(1, len(regions), sharey=True, squeeze=False)[0], regions, strict=True)
-    ):
+    panels = figure.subplots(1, len(regions), sharey=True, squeeze=False)[0]
+    for ax, region in zip(panels, regions, strict=True):
         for row, found in enumerate(finals.values()):
             values = [100 * one[region] for one in found]
             ax.plot(np.median(values), row, "|", color=COLOURS[0], markersize=12, mew=2.5)
             ax.plot(values, [row] * len(values), "o", color=COLOURS[0], markersize=4, alpha=0.5)
         first = 100 * np.median([one[region] for one in next(iter(finals.values()))])
         ax.axvline(float(first), color=COLOURS[-1], linestyle="--", linewidth=1)
-        ax.set_title(f"success@0.5, {region}" if i == 0 else region)
+        ax.set_title(region)
         ax.set_xlim(-4, 104)
         ax.set_xlabel("%")
         ax.set_yticks(range(len(finals)), finals)
@@ -179,7 +189,7 @@ def _skills(folder: Path) -> dict[str, float]:
     """Success rates of the named skills with planning; empty without."""
     path = folder / "evaluation.json"
     result: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    return result.get("skills_plan") or {}
+    return (result.get("skills") or {}).get("planning") or {}
 
 
 def _read(folder: Path) -> dict[str, Float[np.ndarray, " epochs"]]:
@@ -190,13 +200,17 @@ def _read(folder: Path) -> dict[str, Float[np.ndarray, " epochs"]]:
 
 
 def _final(folder: Path) -> dict[str, float]:
-    """Success@0.5 at the last step by region, from the run's evaluation.json; empty without."""
+    """Scores of the first suite by group and of others over all; empty without evaluation.json."""
     paths = [folder / "evaluation.json", folder / "report" / "evaluation.json"]
     path = next((path for path in paths if path.exists()), None)
     if path is None:
         return {}
     result: dict[str, Any] = json.loads(path.read_text())
-    return {region: row["0.5"]["last"] for region, row in result["success"].items()}
+    found: dict[str, float] = {}
+    for name, suite in result["suites"].items():
+        score = suite["policy"]["score"]
+        found |= {f"{name}, all": score["all"]} if found else score
+    return found
 
 
 def _axis(run: Run, over: Over) -> Float[np.ndarray, " epochs"]:
@@ -244,7 +258,7 @@ def _marks(
             ax.plot(spread, values, marker, color=colour, markersize=4, linestyle="none", alpha=0.8)
             ax.hlines(np.median(values), x - 0.4 * width, x + 0.4 * width, color=colour, lw=2.2)
     ax.set_xticks(range(len(regions)), regions)
-    ax.set_title("success@0.5 at the last step, when finished")
+    ax.set_title("scores, when finished")
     ax.grid(axis="x", visible=False)
     _percent(ax)
 

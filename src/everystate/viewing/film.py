@@ -6,27 +6,28 @@ from matplotlib.figure import Figure
 
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
-from everystate.evaluation import Agent, metrics, rollout, suites
+from everystate.evaluation import Agent, apart_from, metrics, rollout, suites
 from everystate.viewing import plots
 
 FRAMES = 6
 
 
 def filmstrip(agent: Agent, env: BodyVectorEnv, suite: suites.Suite, *, planning: bool) -> Figure:
-    """The way from the suite's first region to a goal in its last: on the ramp, a climb.
+    """The way from the suite's first kind of place to a goal of its last: on the ramp, a climb.
 
     Of the tasks that the policy, or else `planning`, still holds at the end it is the one of median
     duration; where there is none, the first one, and the titles say so.
     """
-    if suite.starts is None:
+    if suite.starts is None or not env.placeable:
         raise EverystateError(f"{env.name} cannot be drawn from what it observes, only live")
-    regions = env.regions(suite.goals)
-    chosen = (regions == regions[-1]) & (env.regions(suite.starts) == regions[0])
     plan = False
-    states, came = attempts(agent, env, suite, plan=plan)
+    states, came = attempts(agent, suite, plan=plan)
+    kinds = np.array(suite.kinds)
+    chosen = (kinds == kinds[-1]) & (env.regions(states[0]) == kinds[0])
+    chosen = chosen if chosen.any() else kinds == kinds[-1]
     if planning and not np.isfinite(came[chosen]).any():
         plan = True
-        states, came = attempts(agent, env, suite, plan=plan)
+        states, came = attempts(agent, suite, plan=plan)
     reached = np.flatnonzero(chosen & np.isfinite(came))
     task, end = int(chosen.argmax()), int(suite.horizons.max())
     if reached.size:
@@ -42,15 +43,12 @@ def filmstrip(agent: Agent, env: BodyVectorEnv, suite: suites.Suite, *, planning
 
 
 def attempts(
-    agent: Agent, env: BodyVectorEnv, suite: suites.Suite, *, plan: bool
+    agent: Agent, suite: suites.Suite, *, plan: bool
 ) -> tuple[Float[np.ndarray, "steps goals state"], Float[np.ndarray, " goals"]]:
     """States of all tasks of a suite, and when those held at the end were first reached, or NaN."""
-    options, steps = parse_options(agent.config.body_options), int(suite.horizons.max())
-    bodies = make(suite.body, len(suite.goals), 0, **options)
-    states = rollout(agent, bodies, suite.starts, suite.goals, steps, plan=plan, seed=0)
-    distance = metrics.distances(
-        env.scored(states[1:]), env.scored(suite.goals), suite.sigma, suite.mask(suite.angular)
-    )
+    bodies = make(suite.body, len(suite.goals), 0, **parse_options(agent.config.body_options))
+    states = rollout(agent, bodies, suite, plan=plan, seed=0)
+    distance = metrics.largest(apart_from(bodies, suite, states[1:]), suite.weights)
     came = metrics.first_steps(distance, suite.horizons, 0.5)
-    held = metrics.readings(distance, suite.horizons, 0.5)["last"] > 0
+    held = metrics.readings(distance, suite.horizons, 0.5)["end"] > 0
     return states, np.where(held, came, np.nan)

@@ -40,8 +40,8 @@ def page(name: str, result: Mapping[str, Any], pictures: Sequence[Shown]) -> str
         f"<style>{_STYLE}</style></head><body>",
         f"<h1>{html.escape(result['body'])}</h1>",
         f'<p class="sub">Run {html.escape(name)}</p>',
-        _table(result),
-        f"<p>{html.escape(_sentence(result))}</p>",
+        *(_table(suite, name) for name, suite in result["suites"].items()),
+        _coverage(result),
         *map(_figure, pictures),
         "<h2>Where this comes from</h2>",
         f"<pre>{html.escape(_origin(result))}</pre>",
@@ -60,39 +60,51 @@ def _figure(picture: Shown) -> str:
     )
 
 
-def _table(result: Mapping[str, Any]) -> str:
-    planned = result["success_plan"]
-    heads = ["goals on", *(f"last step @{eps:g}" for eps in EPS), "any step @0.5"]
-    heads += ["position only, last @0.5"]
-    heads += ["planning, last @0.5"] if planned else []
+def _table(suite: Mapping[str, Any], name: str) -> str:
+    policy, planning = suite["policy"], suite["planning"]
+    heads = ["goals", *(f"end @{eps:g}" for eps in EPS), "hit @0.5", "rms hit @0.5"]
+    heads += ["position only, end @0.5", "nearest, rms σ"]
+    heads += ["planning, end @0.5", "hit @0.5"] if planning else []
     rows = []
-    for name, row in result["success"].items():
-        cells = [row[f"{eps:g}"]["last"] for eps in EPS] + [row["0.5"]["any"]]
-        cells += [result["position_only"][name]["0.5"]["last"]]
-        cells += [planned[name]["0.5"]["last"]] if planned else []
-        numbers = "".join(f"<td>{100 * cell:.1f} %</td>" for cell in cells)
-        rows.append(f"<tr><td>{html.escape(name)}</td>{numbers}</tr>")
+    for group, row in policy["success"]["max"].items():
+        cells = [row[f"{eps:g}"]["end"] for eps in EPS]
+        cells += [row["0.5"]["hit"], policy["success"]["rms"][group]["0.5"]["hit"]]
+        cells += [policy["position_only"][group]["0.5"]["end"]]
+        texts = [f"{100 * cell:.0f} %" for cell in cells]
+        texts.append(f"{policy['closest'][group]['nearest']:.2f}")
+        if planning:
+            planned = planning["success"]["max"][group]["0.5"]
+            texts += [f"{100 * planned[reading]:.0f} %" for reading in ("end", "hit")]
+        numbers = "".join(f"<td>{text}</td>" for text in texts)
+        rows.append(f"<tr><td>{html.escape(group)}</td>{numbers}</tr>")
     head = "".join(f"<th>{head}</th>" for head in heads)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    return (
+        f"<h2>Suite {html.escape(name)}</h2><p>{html.escape(suite['notes'])}</p>"
+        f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+        f"<p>{html.escape(_sentence(policy))}</p>"
+    )
 
 
-def _sentence(result: Mapping[str, Any]) -> str:
+def _sentence(policy: Mapping[str, Any]) -> str:
     """The numbers that are no shares of goals."""
-    told = [f"{result['falls_per_1000_steps']:.1f} falls per 1,000 steps of the evaluation"]
-    calibration = result["calibration"]
+    falls = policy["falls_per_1000_steps"]["all"]
+    told = [f"{falls:.1f} falls per 1,000 steps of the evaluation"]
+    calibration = policy["calibration"]
     if calibration["mae"] is not None:
         told.append(
             f"−V is off by {calibration['mae']:.1f} steps on average over the"
-            f" {calibration['reached']} goals reached"
+            f" {calibration['reached']} goals that it came within 0.25 σ of"
         )
     if calibration["spearman"] is not None:
         told.append(
             f"its rank correlation with the measured steps is {calibration['spearman']:.2f}"
         )
-    if result["coverage"]:
-        cells = result["coverage"].get("cells")
-        told += [] if cells is None else [f"training visited {100 * cells:.0f} % of all cells"]
     return "; ".join(told) + "."
+
+
+def _coverage(result: Mapping[str, Any]) -> str:
+    cells = (result["coverage"] or {}).get("cells")
+    return "" if cells is None else f"<p>Training visited {100 * cells:.0f} % of all cells.</p>"
 
 
 def _origin(result: Mapping[str, Any]) -> str:

@@ -113,28 +113,32 @@ def thousands(value: float, _: Any = None) -> str:
 
 
 @styled
-def success_by_region(result: Mapping[str, Any]) -> Figure:
-    """success@eps at the last step: a panel per tolerance, a pair of bars per region."""
+def success_by_group(suite: Mapping[str, Any]) -> Figure:
+    """Of one suite of a result: a panel per tolerance, a pair of bars per group of tasks."""
     figure = Figure(figsize=(WIDTH, 2.7))
     panels = figure.subplots(1, len(EPS), sharey=True, squeeze=False)[0]
-    regions = list(result["success"])
-    at = np.arange(len(regions))
-    columns = {"policy": result["success"], "with planning": result["success_plan"]}
-    shown = {name: table for name, table in columns.items() if table}
+    measure, reading = suite["scored_by"].removesuffix("@0.5").split(", ")
+    groups = list(suite["policy"]["score"])
+    if any(name.startswith("k=") for name in groups):  # the kinds would not find room beside them
+        groups = [name for name in groups if name.startswith("k=") or name == "all"]
+    at = np.arange(len(groups))
+    columns = {"policy": suite["policy"], "with planning": suite["planning"]}
+    shown = {name: one["success"][measure] for name, one in columns.items() if one}
     width = 0.8 / len(shown)
     looks = ({"color": BLUE}, {"color": ORANGE, "hatch": "////", "edgecolor": "white"})
     for ax, eps in zip(panels, EPS, strict=True):
         for i, (name, table) in enumerate(shown.items()):
-            heights = [table[region][f"{eps:g}"]["last"] for region in regions]
+            heights = [table[group][f"{eps:g}"][reading] for group in groups]
             left = at + (i - (len(shown) - 1) / 2) * width
             bars = ax.bar(left, heights, width * 0.94, label=name, **looks[i])
             ax.bar_label(bars, [f"{100 * h:.0f}" for h in heights], fontsize=6, padding=1)
         ax.set_title(f"within {eps:g} σ")
-        ax.set_xticks(at, regions)
+        ax.set_xticks(at, groups)
         ax.grid(axis="x", visible=False)
         ax.set_ylim(0, 1.08)
         ax.set_yticks(np.linspace(0, 1, 6), [f"{p} %" for p in range(0, 101, 20)])
-    panels[0].set_ylabel("goals held at the last step")
+    what = "goals passed" if reading == "hit" else "goals held at the last step"
+    panels[0].set_ylabel(what + (" (rms)" if measure == "rms" else ""))
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure
 

@@ -18,7 +18,7 @@ from everystate.evaluation import suites
 from everystate.training.collection import read_samples
 from everystate.training.logging import read_metrics
 from everystate.viewing import maps, page, plots
-from everystate.viewing.figures import EVALUATED
+from everystate.viewing.figures import scores
 from everystate.viewing.film import filmstrip
 
 
@@ -70,23 +70,31 @@ def pictures(run_dir: Path, result: Mapping[str, Any], agent: maps.Explorer) -> 
     config = agent.config
     env = make(config.body, 1, 0, **parse_options(config.body_options))
     suite = suites.load(config.body, options=config.body_options)
+    first = next(iter(result["suites"].values()))
     found = [
-        Picture(
-            "success",
-            "Goals reached",
-            f"Share of {result['goals']} fixed goals that the agent is near to at its last step,"
-            " by where the goal lies. σ is the spread of each component over the body's world.",
-            lambda: plots.success_by_region(result),
-        ),
+        *_successes(result),
         Picture(
             "filmstrip",
             "On its way",
             "From a start to a goal (green ghost) of the suite, under the body's own noise, until"
             " the body is within 0.5 σ of it: a task of median duration among those it holds.",
-            lambda: filmstrip(agent, env, suite, planning=bool(result["success_plan"])),
+            lambda: filmstrip(agent, env, suite, planning=bool(first["planning"])),
         ),
     ]
     return found + on_the_map(run_dir, agent, env, suite) + over_time(run_dir)
+
+
+def _successes(result: Mapping[str, Any]) -> list[Picture]:
+    return [
+        Picture(
+            f"success-{name}",
+            f"Goals reached, suite {name}",
+            f"Share of {suite['tasks']} fixed tasks ({suite['scored_by']}). σ is the spread of"
+            " each component over the body's world.",
+            functools.partial(plots.success_by_group, suite),
+        )
+        for name, suite in result["suites"].items()
+    ]
 
 
 def over_time(run_dir: Path) -> list[Picture]:
@@ -153,14 +161,13 @@ def over_time(run_dir: Path) -> list[Picture]:
             {"columns": 3},
         ),
     }
-    evaluated = [name for name in columns if name.startswith(EVALUATED)]
+    evaluated = scores(columns)
     if evaluated:
-        labels = {name: name.removeprefix(EVALUATED) for name in evaluated}
         curves["evaluation"] = (
             "Goals reached while training",
-            "success@0.5 at the last step on the fixed goals, by where the goal lies.",
-            [("goals held", labels)],
-            {"share": [0], "columns": 1},
+            "Scores on the suites that are for looking at while settings are chosen (tune).",
+            [(f"suite {suite}", labels) for suite, labels in evaluated.items()],
+            {"share": list(range(len(evaluated))), "columns": 1},
         )
     found = []
     for name, (title, caption, panels, options) in curves.items():
