@@ -9,9 +9,10 @@ from everystate import cli, evaluation, load
 from everystate.agent import Performance
 from everystate.config import Config
 from everystate.envs import BODIES, make
+from everystate.envs import ramp_pointmass as ramp_body
 from everystate.errors import EverystateError
 from everystate.presets import preset
-from everystate.skills import SKILLS, skill, skills_of
+from everystate.skills import SKILLS, cartpole, ramp_pointmass, skill, skills_of
 
 NAMES = [(body, name) for body, table in SKILLS.items() for name in table]
 
@@ -48,6 +49,18 @@ def test_balance_is_ten_seconds_without_a_break() -> None:
     assert not done("balance", swing(np.full(600, 0.4)))
 
 
+def test_balance_keeps_the_cart_off_the_ends_of_the_rail() -> None:
+    track = make("cartpole", 1, 0).body.model.joint("cart").range
+    np.testing.assert_allclose(track, (-cartpole.RAIL, cartpole.RAIL))
+    up = np.zeros(300)
+    for side in (-1, 1):
+        assert done("balance", swing(up, side * 1.5))
+        assert not done("balance", swing(up, side * 1.7))
+    swung_up = swing(up)
+    swung_up[:40, :, 0] = 1.8  # while the pole is not yet counted as up it may touch an end
+    assert done("balance", swung_up)
+
+
 def test_spins_are_counted_net_and_by_their_side() -> None:
     right = swing(np.linspace(np.pi, 12 * np.pi, 251))
     assert done("spin-right", right)
@@ -71,6 +84,95 @@ def test_passing_the_top_needs_the_speed() -> None:
     assert done("pass-top", swing(np.linspace(-np.pi, np.pi, 32)))  # about 5 rad/s
     assert not done("pass-top", swing(np.linspace(-np.pi, np.pi, 64)))
     assert not done("pass-top", swing(np.linspace(np.pi, -np.pi, 32)))
+    beyond = np.linspace(-np.pi, -0.02, 251) + 0.32  # comes to 0.3 rad beyond it by slow steps
+    kicked = swing(beyond)
+    kicked[-1, :, 4] = 5.0  # and only there is it fast
+    assert not done("pass-top", kicked)
+
+
+def test_spinning_and_passing_the_top_are_off_the_ends_of_the_rail() -> None:
+    right, left = (swing(np.linspace(np.pi, way * 12 * np.pi, 251)) for way in (1, -1))
+    passing = swing(np.linspace(-np.pi, np.pi, 32))
+    for name, states in (("spin-right", right), ("spin-left", left), ("pass-top", passing)):
+        assert done(name, states)
+        states[3, :, 0] = -1.7
+        assert not done(name, states), name
+
+
+@pytest.mark.parametrize("half", [10, 20, 30])
+def test_ramming_the_ends_of_the_rail_is_no_skill(half: int) -> None:
+    class Rams:
+        """Full force one way for so many steps, then the other, whatever happens."""
+
+        config: Config = preset("test", "cartpole")
+        steps = 0
+
+        def act(self, observation: Any, *args: Any, **kwargs: Any) -> np.ndarray:
+            self.steps += 1
+            force = 1.0 if (self.steps - 1) // half % 2 == 0 else -1.0
+            return np.full((len(observation), 1), force, np.float32)
+
+        def steps_to_goal(self, observation: Any, goal: Any) -> np.ndarray:
+            return np.zeros(len(observation))
+
+    turned = 0
+    for one in skills_of("cartpole").values():
+        states, ok = evaluation.perform(Rams(), one, plan=False)
+        assert not ok.any()
+        angle = np.unwrap(np.arctan2(states[..., 2], states[..., 1]), axis=0)
+        turned += (np.abs(angle[-1] - angle[0]) >= 10 * np.pi).sum()
+    assert turned > 0  # though it turns the pole over, five times and more
+
+
+def test_those_who_wait_hang_nowhere() -> None:
+    for name in ("hang-left", "hang-middle", "hang-right"):
+        one, env = skill("cartpole", name), make("cartpole", 100, 0)
+        states = [one.starts(np.random.default_rng(0), 100).astype(np.float32)]
+        env.set_observations(states[0])
+        for _ in range(one.steps):
+            states.append(env.step(np.zeros((100, 1)))[0])
+        assert not one.done(np.stack(states)).any()
+
+
+def walk(*places: tuple[float, float]) -> np.ndarray:
+    """States [steps, 1, 2] of a ball that rests at each place for ten steps."""
+    return np.repeat(np.array(places), 10, axis=0)[:, None]
+
+
+def test_the_edges_of_the_ramp_are_those_of_the_body() -> None:
+    axis = np.linspace(-1, 1, 201)
+    places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    places = np.concatenate([places, [[0.0, 0.6], [0.5, 0.0], [0.7, -0.6]]])
+    where = ramp_body.region(places)
+    np.testing.assert_array_equal(ramp_pointmass.on_ledge(places), where == "ledge")
+    np.testing.assert_array_equal(ramp_pointmass.on_floor(places), where == "floor")
+
+
+FLOOR, LEDGE, RAMP = (-0.8, -0.8), (0.8, 0.8), (0.8, 0.0)
+
+
+def test_climbing_ends_on_the_ledge() -> None:
+    below = ramp_body.set_down(np.array([[0.0, 0.58]], np.float32))  # as near as a ball comes
+    np.testing.assert_allclose(below, [[0.0, 0.55]], rtol=1e-6)
+    assert np.abs(below - np.array([0.0, 0.8])).max() < 0.25  # near enough, were it up there
+    assert not done("climb", walk(FLOOR, (0.0, float(below[0, 1]))), "ramp-pointmass")
+    for end in ((0.0, 0.8), (0.2, 0.62)):
+        assert done("climb", walk(FLOOR, RAMP, LEDGE, end), "ramp-pointmass")
+    assert not done("climb", walk(LEDGE, (0.0, 0.8)), "ramp-pointmass")
+    assert not done("climb", walk(FLOOR, RAMP, LEDGE), "ramp-pointmass")
+
+
+def test_crossing_is_along_the_ledge() -> None:
+    assert done("cross", walk(LEDGE, (0.0, 0.65), (-0.85, 0.65)), "ramp-pointmass")
+    assert not done("cross", walk(LEDGE, (-0.85, 0.55)), "ramp-pointmass")
+    assert not done("cross", walk(LEDGE, (0.0, 0.55), (-0.85, 0.8)), "ramp-pointmass")
+    assert not done("cross", walk(RAMP, LEDGE, (-0.85, 0.8)), "ramp-pointmass")
+
+
+def test_coming_back_is_from_the_ledge_to_the_floor() -> None:
+    assert done("come-back", walk((-0.8, 0.8), LEDGE, RAMP, (-0.3, -0.3)), "ramp-pointmass")
+    assert not done("come-back", walk((-0.8, 0.55), (-0.3, -0.3)), "ramp-pointmass")
+    assert not done("come-back", walk((-0.8, 0.8), LEDGE, RAMP), "ramp-pointmass")
 
 
 class Walker:
@@ -102,15 +204,22 @@ def test_one_who_knows_the_way_succeeds_and_an_idle_one_does_not() -> None:
     assert max(evaluation.success_rates(Walker(useless=True), plan=True).values()) == 0.0
 
 
+def test_successes_are_told_start_by_start() -> None:
+    each = evaluation.successes(Walker(), plan=False, seed=1)
+    rates = evaluation.success_rates(Walker(), plan=False, seed=1)
+    assert {name: done.mean() for name, done in each.items()} == rates
+    assert {done.shape for done in each.values()} == {(100,)}
+
+
 def test_a_fall_spoils_a_skill_that_forbids_it() -> None:
     class Jumper(Walker):
         def act(self, *args: Any, **kwargs: Any) -> np.ndarray:
-            action = np.zeros((20, 2), dtype=np.float32)
+            action = np.zeros((100, 2), dtype=np.float32)
             action[:, 1] = -1.0
             return action
 
     states, ok = evaluation.perform(Jumper(), skill("ramp-pointmass", "cross"), plan=False)
-    assert states.shape == (61, 20, 2)
+    assert states.shape == (61, 100, 2)
     assert not ok.any()
 
 

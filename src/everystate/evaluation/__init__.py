@@ -3,7 +3,7 @@
 from everystate.evaluation.agents import Agent
 from everystate.evaluation.evaluate import coverage, described, evaluate, logged
 from everystate.evaluation.measure import apart_from, measure, rollout
-from everystate.evaluation.performances import perform, success_rates
+from everystate.evaluation.performances import perform, success_rates, successes
 from everystate.evaluation.provenance import provenance
 from everystate.evaluation.tables import tables
 
@@ -19,5 +19,6 @@ __all__ = [
     "provenance",
     "rollout",
     "success_rates",
+    "successes",
     "tables",
 ]

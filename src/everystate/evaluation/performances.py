@@ -8,13 +8,21 @@ from everystate.envs import make, parse_options
 from everystate.evaluation.agents import Agent
 from everystate.skills import Skill, skills_of
 
-STARTS = 20
+STARTS = 100
 
 
 def success_rates(agent: Agent, *, plan: bool, seed: int = 0) -> dict[str, float]:
-    """The share of 20 starts from which each skill succeeded."""
+    """The share of 100 starts from which each skill succeeded."""
+    done = successes(agent, plan=plan, seed=seed)
+    return {name: float(each.mean()) for name, each in done.items()}
+
+
+def successes(
+    agent: Agent, *, plan: bool, seed: int = 0, starts: int = STARTS
+) -> dict[str, Bool[np.ndarray, " starts"]]:
+    """From which starts each skill succeeded; a seed has the same starts for every agent."""
     return {
-        name: float(perform(agent, one, plan=plan, seed=seed)[1].mean())
+        name: perform(agent, one, plan=plan, seed=seed, starts=starts)[1]
         for name, one in skills_of(agent.config.body).items()
     }
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 States = Float[np.ndarray, "steps starts state"]
+At = Callable[[States], Bool[np.ndarray, "steps starts"]]
 Rule = Callable[[States], Bool[np.ndarray, " starts"]]
 Starts = Callable[[np.random.Generator, int], Float[np.ndarray, "starts state"]]
 
@@ -34,7 +35,7 @@ class Skill:
         return self.goals[min(step * len(self.goals) // self.steps, len(self.goals) - 1)]
 
 
-def held(at: Callable[[States], Bool[np.ndarray, "steps starts"]], steps: int) -> Rule:
+def held(at: At, steps: int) -> Rule:
     """For so many steps in a row, at any time."""
 
     def rule(states: States) -> Bool[np.ndarray, " starts"]:
@@ -45,11 +46,11 @@ def held(at: Callable[[States], Bool[np.ndarray, "steps starts"]], steps: int) -
     return rule
 
 
-def kept(at: Callable[[States], Bool[np.ndarray, "steps starts"]], steps: int) -> Rule:
+def kept(at: At, steps: int) -> Rule:
     """At each of the last so many steps."""
     return lambda states: np.asarray(at(states)[-steps:].all(axis=0))
 
 
-def once(at: Callable[[States], Bool[np.ndarray, "steps starts"]]) -> Rule:
+def once(at: At) -> Rule:
     """At any one step."""
     return lambda states: np.asarray(at(states).any(axis=0))
