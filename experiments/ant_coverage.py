@@ -18,7 +18,7 @@ from everystate import Agent
 from everystate.agent import keep_compiled_programs
 from everystate.envs import make
 from everystate.evaluation import rollout, suites
-from everystate.skills.ant import up
+from everystate.skills.ant_rules import up
 from everystate.training.collection import read_samples
 from everystate.viewing import plots
 

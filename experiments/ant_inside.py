@@ -27,7 +27,7 @@ from everystate.envs import BodyVectorEnv, make
 from everystate.evaluation import rollout, suites
 from everystate.evaluation.performances import success_rates
 from everystate.learning.flows import decode
-from everystate.skills import ant, skill
+from everystate.skills import ant, ant_rules, skill
 
 RESULTS = Path(__file__).resolve().parent.parent / "results" / "ant-notes"
 PARTS = {"height": slice(0, 1), "orientation": slice(1, 7), "joints": slice(7, 15)}
@@ -94,11 +94,11 @@ def degrees_left(agent: Agent, goals: Float[np.ndarray, "n 29"]) -> list[int]:
 
 def got_up(agent: Agent, num: int = 20) -> dict[str, float]:
     """Share of ants on their backs that are upright after 5 and 10 s by the policy."""
-    env, lying = make("ant", num, 0), skill("ant", "headstand").starts
+    env, lying = make("ant", num, 0), skill("ant", "feet-up").starts
     starts = lying(np.random.default_rng(0), num).astype(np.float32)
     goals = np.tile(np.array(ant.state(ant.STANDS), np.float32), (num, 1))
     states = rollout(agent, env, starts, goals, 200, plan=False, seed=0)
-    return {f"{s} s": float((ant.up(states[20 * s]) > 0.7).mean()) for s in (5, 10)}
+    return {f"{s} s": float((ant_rules.up(states[20 * s]) > 0.7).mean()) for s in (5, 10)}
 
 
 def explained(agent: Agent, num: int = 100) -> dict[str, float]:

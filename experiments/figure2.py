@@ -12,12 +12,12 @@ from pathlib import Path
 
 import everystate
 from everystate import Agent
-from everystate.skills.ant import up
+from everystate.skills.ant_rules import up
 from everystate.viewing import recording, video
 from everystate.viewing.recording import Recording
 
 FOLDER = Path(__file__).resolve().parent.parent / "results" / "figure-2"
-SKILLS = ("recover", "flip", "spin-right", "walk-sideways", "jump", "headstand")
+SKILLS = ("recover", "flip", "spin-right", "walk-sideways-by-gait", "jump", "feet-up")
 
 
 def shown(agent: Agent, name: str) -> Recording:

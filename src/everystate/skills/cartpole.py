@@ -62,8 +62,8 @@ def _passes_top(states: States) -> Bool[np.ndarray, " starts"]:
 
 def _hang(place: float, starts: Starts = _hanging) -> Skill:
     return Skill(
-        text=f"from half a metre away or more, hang nearly still within 0.25 m of x = {place:+g} m for the"
-        " last 2 of 10 s",
+        text=f"from half a metre away or more, hang nearly still within 0.25 m of x = {place:+g} m"
+        " for the last 2 of 10 s",
         goals=((place, -1.0, 0.0, 0.0, 0.0),),
         steps=10 * _SECOND,
         starts=starts,
