@@ -12,7 +12,7 @@ from everystate.scaling import Evaluation
 from everystate.skills import SKILLS
 from everystate.viewing.figures import skill_rates
 
-# The search takes 27 ms an action: 50 of the suite's goals, and 20 starts of every skill.
+# The search takes 27 ms an action: 50 of the suite's goals, and 100 starts of every skill.
 _EVALUATION = Evaluation(episodes=50, skills=True)
 SETTINGS = {
     "quick": seeds.Setting({"evaluation_period": 10}, 3, _EVALUATION),  # as in the comparison

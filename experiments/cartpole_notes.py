@@ -1,6 +1,6 @@
 """What runs on cartpole did and could do: python experiments/cartpole_notes.py RUN [RUN ...].
 
-Writes, for every run folder, the share of 20 starts from which each named skill succeeded, and
+Writes, for every run folder, the share of 100 starts from which each named skill succeeded, and
 where the bodies and their goals were during training (`samples/`), to
 `results/cartpole-notes/summary.json`; other runs in it stay as they are. A run whose agent this
 everystate cannot load has no skills there. The runs are those of `docs/lab-notes.md`, 2026-11-23.

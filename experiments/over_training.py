@@ -2,7 +2,7 @@
 
     python experiments/over_training.py runs/cartpole-quick-seed0
 
-Success rates with planning, over 20 starts, go to `results/BODY/over-training.json`, by run and
+Success rates with planning, over 100 starts, go to `results/BODY/over-training.json`, by run and
 epoch, and all that is in there is drawn in `over-training.png`.
 """
 
