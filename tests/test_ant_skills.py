@@ -250,6 +250,9 @@ def test_feet_up_are_above_all_of_the_torso_for_half_a_second() -> None:
     half = still(10, axes=ant.OVER, ankles=(ant_rules.LEVEL - 0.4,) * 4)  # above its middle
     assert (ant_rules.feet(half) > half[..., :1]).all()
     assert not done("feet-up", half)
+    upright = still(10, ankles=(2 * ant_rules.LEVEL,) * 4)
+    assert (ant_rules.feet(upright) > upright[..., :1] + ant_rules.TORSO).all()
+    assert not done("feet-up", upright)
     assert not done("feet-up", still(10))
 
 
