@@ -4,7 +4,7 @@ The same models, minibatch and random numbers go through `algorithm.update_once`
 `transliteration.py`; nothing else is shared but the keys by which those numbers are drawn.
 """
 
-from collections.abc import Iterator
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import transliteration as paper
 from flowjax.bijections import Chain, Invert, Scan
 
+import transliteration as paper
 from everystate import algorithm
 from everystate.algorithm import AgentState
 from everystate.config import Config
-from everystate.learning import policy
+from everystate.learning import guard, policy
 from everystate.learning import replay as rb
 from everystate.learning.keys import named
 from everystate.learning.models import Models, Scale, trainable
@@ -35,7 +35,6 @@ SIZES: dict[str, Any] = {
     "depth": 2,
     "state_layers": 4,
     "curriculum_layers": 5,
-    "policy_layers": 3,
     "capacity": 400,
     "num_bodies": 10,
     "steps_per_epoch": 10,
@@ -84,9 +83,10 @@ def moving(config: Config) -> Transitions:
     return Transitions(states[:-1], jnp.asarray(actions), states[1:], states[1:])
 
 
-def begun(config: Config) -> AgentState:
-    """Fresh but for all that is learned, which is shaken: no symmetry hides anything."""
-    scale = Scale(jnp.zeros(STATE), jnp.ones(STATE))
+@functools.cache
+def fresh() -> AgentState:
+    """But for all that is learned, which is shaken: no symmetry hides anything."""
+    config, scale = preset("paper", **SIZES), Scale(jnp.zeros(STATE), jnp.ones(STATE))
     state = eqx.filter_jit(algorithm.init)(config, moving(config), scale, key=jax.random.key(1))
     random = np.random.default_rng(6)
 
@@ -97,6 +97,12 @@ def begun(config: Config) -> AgentState:
 
     models, target = jax.tree_util.tree_map_with_path(shaken, (state.models, state.target_value))
     return state._replace(models=models, target_value=target, copies=jnp.ones((), jnp.int32))
+
+
+def begun(config: Config) -> AgentState:
+    """The same models for both presets, and what moved, as each of them weighs it."""
+    state = fresh()._replace(replay=rb.empty(config, STATE, ACTION))
+    return eqx.filter_jit(algorithm.observe)(config, state, moving(config))
 
 
 def is_fixed(path: tuple[Any, ...]) -> bool:
@@ -291,8 +297,8 @@ def as_numpy(tree: Any) -> Any:
 
 
 @pytest.fixture(scope="module", params=["literal", "paper"])
-def both(request: pytest.FixtureRequest) -> Iterator[Both]:
-    yield compare(request.param)
+def both(request: pytest.FixtureRequest) -> Both:
+    return compare(request.param)
 
 
 def arrays(model: Any) -> list[tuple[str, Any, bool]]:
@@ -378,3 +384,29 @@ def test_the_minibatch_is_of_states_reached(both: Both):
     for ours, kept in zip(drawn.transitions, ring, strict=True):
         np.testing.assert_array_equal(ours, kept[drawn.transition_slots])
     np.testing.assert_array_equal(drawn.hindsight_goals, drawn.transitions.next_observations)
+
+
+def test_an_epoch_is_one_copy_of_v_its_updates_and_a_decay(monkeypatch: pytest.MonkeyPatch):
+    """What stands around `for update`: with updates that only count, on V's last bias."""
+    config = preset("literal", **SIZES | {"num_updates": 3, "target_period": 3})
+
+    def bias(value: Any) -> Any:
+        return value.network.mlp.layers[-1].bias
+
+    def counting(config: Config, state: AgentState, *, key: Any) -> tuple[Any, ...]:
+        counted = eqx.tree_at(bias, state.models.value, replace_fn=lambda x: x + 1)
+        metrics = {"V": bias(state.models.value)[0], "V_targ": bias(state.target_value)[0]}
+        batch = guard.no_fault(config, state.replay.transitions).batch
+        return state._replace(models=state.models._replace(value=counted)), metrics, batch
+
+    monkeypatch.setattr(algorithm, "update_once", counting)
+    state = begun(config)
+    start = float(bias(state.models.value)[0])
+    assert start != pytest.approx(float(bias(state.target_value)[0]))
+    after, metrics, _ = eqx.filter_jit(algorithm.update)(config, state)
+    assert float(metrics["V_targ"]) == pytest.approx(start)  # in each of the updates
+    assert float(metrics["V"]) == pytest.approx(start + 1)
+    assert float(bias(after.models.value)[0]) == pytest.approx(start + 3)
+    assert int(after.copies) == int(state.copies) + 1
+    weights = paper.decayed(np.exp(state.replay.states.log), hyperparameters(config))
+    np.testing.assert_allclose(np.exp(after.replay.states.log), weights, rtol=1e-6)
