@@ -42,7 +42,7 @@ SIZES: dict[str, Any] = {
     "num_updates": 10,
     "target_period": 10,
 }
-TIGHT = {"rtol": 1e-8, "atol": 1e-10}
+TIGHT: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
 NAMES = dict(zip(Models._fields, ("f", "d", "pi", "c", "V"), strict=True))
 """The paper's names of our models."""
 FIXED = ("sign", "shift", "change_scale")
@@ -388,7 +388,8 @@ def test_the_minibatch_is_of_states_reached(both: Both):
 
 def test_an_epoch_is_one_copy_of_v_its_updates_and_a_decay(monkeypatch: pytest.MonkeyPatch):
     """What stands around `for update`: with updates that only count, on V's last bias."""
-    config = preset("literal", **SIZES | {"num_updates": 3, "target_period": 3})
+    sizes = dict(SIZES, num_updates=3, target_period=3)
+    config = preset("literal", **sizes)
 
     def bias(value: Any) -> Any:
         return value.network.mlp.layers[-1].bias

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import exp, log, sqrt
 
-Array = np.ndarray[Any, Any]
+Array = Any
+"""Of NumPy, real or complex: its own types allow no `.real` of either."""
 H = 1e-30
 
 
