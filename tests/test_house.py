@@ -1,5 +1,6 @@
-"""The files that say what the package needs agree with one another, and results name no machine."""
+"""What the package needs is said once, and raw results are as they were made."""
 
+import hashlib
 import re
 import tomllib
 from pathlib import Path
@@ -8,7 +9,10 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from everystate.evaluation import raw
+
 ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "results"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
@@ -48,11 +52,35 @@ def test_requirements_name_no_address() -> None:
         assert "://" not in path.read_text(), path.name
 
 
-def test_results_name_commands_that_readers_have() -> None:
-    """Not a script, a folder or a worker of the machine that they were made on."""
-    ours = re.compile(r"everystate [a-z]+ |python (-m everystate|experiments|tests|benchmarks)[./]")
-    foreign = re.compile(r"(?<![\w.])/(?:tmp|work|home|root)/")
-    for path in (ROOT / "results").rglob("*.json"):
-        for command in re.findall(r'"command": "([^"]*)"', path.read_text()):
-            assert ours.match(command), (path, command)
-            assert not foreign.search(command), (path, command)
+def data_files() -> list[Path]:
+    """What results/ has of measurements: all but figures, tables and notes."""
+    drawn = {".png", ".mp4", ".md", ".sha256"}
+    return [p for p in sorted(RESULTS.rglob("*")) if p.is_file() and p.suffix not in drawn]
+
+
+def frozen() -> dict[Path, str]:
+    """SHA-256 of each result without a header."""
+    lines = (RESULTS / "MANIFEST.sha256").read_text().splitlines()
+    return {RESULTS / path: digest for digest, path in (line.split("  ", 1) for line in lines)}
+
+
+def test_results_are_as_their_programs_wrote_them() -> None:
+    """Each has a header with a hash, or is listed with its hash since before there were headers."""
+    listed = frozen()
+    for path in data_files():
+        if path in listed:
+            found = hashlib.sha256(path.read_bytes()).hexdigest()
+            assert found == listed[path], f"{path}: see results/README.md"
+        else:
+            raw.check(path)
+            assert path.stat().st_size <= raw.LARGEST, path
+
+
+def test_every_listed_result_is_there() -> None:
+    assert not {path for path in frozen() if not path.exists()}
+
+
+def test_results_name_no_folder_of_one_machine() -> None:
+    foreign = re.compile(r"(?<![\w.])/(?:work|home|root)/")
+    for path in data_files():
+        assert not foreign.search(path.read_text()), path

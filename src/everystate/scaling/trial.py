@@ -19,8 +19,8 @@ from everystate.agent import config_to_json
 from everystate.agent.files import read_json
 from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.evaluation import raw
 from everystate.scaling.plan import Trial
-from everystate.training.rundir import write_atomically
 
 Report = Callable[[Mapping[str, int | float]], None]
 
@@ -78,7 +78,7 @@ def run(
     result["command"] = command or result["command"]
     for name in ("config.json", "metrics.jsonl"):
         shutil.copy(made / name, folder / name)
-    write_atomically(folder / "evaluation.json", json.dumps(result, indent=1) + "\n")
+    raw.write(folder / "evaluation.json", result)
 
 
 @contextmanager
