@@ -1,6 +1,6 @@
 """What an ant's run has found by itself: python experiments/ant_coverage.py RUN [--plan].
 
-To `results/ant-notes/RUN`: `coverage.png`, the poses and velocities that bodies came through, early
+To `RUN/coverage`: `coverage.png`, the poses and velocities that bodies came through, early
 and late in training; and `gallery.png`, the six most different of the ways that the agent went to
 200 goals of the suite, beginning with the one most unlike the mean. `found.npz` has what both show.
 """
@@ -9,7 +9,6 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from ant_inside import RESULTS
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
@@ -95,7 +94,7 @@ def main() -> None:
     parser.add_argument("--plan", action="store_true", help="send it with planning")
     options = parser.parse_args()
     keep_compiled_programs()
-    folder = RESULTS / options.run.name
+    folder = options.run / "coverage"
     folder.mkdir(parents=True, exist_ok=True)
     epochs, visited = early_and_late(options.run)
     states, goals = ways(everystate.load(options.run), options.plan)

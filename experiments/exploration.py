@@ -16,6 +16,7 @@ import seeds
 from matplotlib.figure import Figure
 
 from everystate.envs.ramp_pointmass import LEDGE_SOUTH, RAMP_FOOT, RAMP_WEST, region
+from everystate.evaluation import raw
 from everystate.evaluation.aggregate import summary
 from everystate.scaling import Evaluation
 from everystate.training.collection import read_samples
@@ -64,7 +65,7 @@ def draw(folders: dict[str, list[Path]]) -> None:
         for folder in found:
             run = folder / "run"
             if not (folder / "furthest.json").exists() and run.exists():
-                (folder / "furthest.json").write_text(json.dumps(furthest(run)) + "\n")
+                raw.write(folder / "furthest.json", furthest(run))
     curves: dict[str, list[Curve]] = {
         setting: [json.loads((folder / "furthest.json").read_text()) for folder in found]
         for setting, found in folders.items()
@@ -74,7 +75,7 @@ def draw(folders: dict[str, list[Path]]) -> None:
         setting: {"steps_to_ledge": summary([first_on_the_ledge(c) for c in found])}
         for setting, found in curves.items()
     }
-    (results / "furthest.json").write_text(json.dumps(said, indent=1) + "\n")
+    raw.write(results / "furthest.json", said, replace=True)
     figure(curves).savefig(results / "furthest.png", dpi=150)
 
 

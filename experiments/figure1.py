@@ -1,4 +1,4 @@
-"""Figure 1 of the paper (section 5.2), with the balancing that its cartpole could not do.
+"""Figure 1 of the paper, with the balancing that its cartpole could not do.
 
     python experiments/figure1.py
 

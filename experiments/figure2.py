@@ -1,4 +1,4 @@
-"""Figure 2 of the paper (section 5.3): six skills of the ant.
+"""Figure 2 of the paper: six skills of the ant.
 
     python experiments/figure2.py [RUN]
 

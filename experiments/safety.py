@@ -5,7 +5,7 @@
 The worst of the N imagined returns against their mean, N being 8 as in `quick` or 20 as in the
 paper, a percentile between them, and sensor noise, on the Ramp Pointmass for 100 epochs. `seeds.py`
 says where everything goes. Of every agent kept on the way, `climbs.json` beside a run's other
-results says how it climbs; `climbs.json`, `climbs.md` and pictures compare the settings.
+results says how it climbs; `climbs.json` and pictures compare the settings.
 `safety_grid.py` says what there is to learn.
 """
 
@@ -25,6 +25,7 @@ import everystate
 from everystate import Agent
 from everystate.envs import make
 from everystate.envs.ramp_pointmass import LEDGE_SOUTH, RAMP_FOOT, RAMP_WEST, region
+from everystate.evaluation import raw
 from everystate.evaluation.aggregate import summary
 from everystate.learning.flows import decode
 from everystate.learning.planning import Planning
@@ -170,13 +171,12 @@ def draw(folders: dict[str, list[Path]]) -> None:
     """Measures the agents that this machine has, then draws from the results alone."""
     for folder in (folder for runs in folders.values() for folder in runs):
         if not (folder / "climbs.json").exists() and (folder / "run").exists():
-            (folder / "climbs.json").write_text(json.dumps(measured(folder / "run")) + "\n")
+            raw.write(folder / "climbs.json", {"epochs": measured(folder / "run")})
     results = seeds.results_of(NAME)
     found = by_epoch(results)
     last = at_end(found)
     said = summaries(last)
-    (results / "climbs.json").write_text(json.dumps(said, indent=1) + "\n")
-    (results / "climbs.md").write_text(table(said))
+    raw.write(results / "climbs.json", said, replace=True)
     safety_figures.growth(found).savefig(results / "climbs.png", dpi=150)
     safety_figures.clouds(last).savefig(results / "actions.png", dpi=150)
     safety_figures.falls(last).savefig(results / "falls.png", dpi=150)
@@ -194,7 +194,13 @@ def measured(run: Path) -> dict[str, dict[str, Measures]]:
 def by_epoch(results: Path) -> dict[str, list[dict[str, Any]]]:
     """What was measured of every seed of each setting, by epoch."""
     files = {name: sorted(results.glob(f"{name}/seed*/climbs.json")) for name in SETTINGS}
-    return {n: [json.loads(f.read_text()) for f in found] for n, found in files.items() if found}
+    return {name: [epochs(file) for file in found] for name, found in files.items() if found}
+
+
+def epochs(file: Path) -> dict[str, Any]:
+    """`measured` of a run, from its file; older files have no header around it."""
+    content = json.loads(file.read_text())
+    return content.get("epochs", content)
 
 
 def at_end(found: dict[str, list[dict[str, Any]]]) -> dict[str, list[Measures]]:
@@ -212,29 +218,6 @@ def summaries(last: dict[str, list[Measures]]) -> dict[str, Any]:
             for kind, of in numbers.items()
         }
     return said
-
-
-def table(said: dict[str, Any]) -> str:
-    """For each goal a row per measure: of each setting the median and the 90 % interval."""
-    rows: list[str] = []
-    for goal in GOALS:
-        rows += [f"| goal {goal} | " + " | ".join(said) + " |", "|---" * (len(said) + 1) + "|"]
-        for name, title in NUMBERS.items():
-            shares = [
-                {n: of[goal][name][n] for n in ("median", "low", "high")} for of in said.values()
-            ]
-            cells = [told(100 if "%" in title else 1, **share) for share in shares]
-            rows.append(" | ".join([f"| {title}", *cells]) + " |")
-        rows.append("")
-    return "\n".join(rows)
-
-
-def told(times: int, median: float, low: float, high: float) -> str:
-    """Median [low, high], to two digits."""
-    middle, lowest, highest = (
-        f"{times * x:.{0 if times * x >= 10 else 2}f}" for x in (median, low, high)
-    )
-    return f"{middle} [{lowest}, {highest}]"
 
 
 if __name__ == "__main__":

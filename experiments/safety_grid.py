@@ -9,7 +9,6 @@ action is chosen by the worst of its outcomes, and what it is worth is their mea
 learned.
 """
 
-import json
 from dataclasses import dataclass
 from typing import Any
 
@@ -132,12 +131,12 @@ def measures(after: csr_array, count: int, **noise: float) -> dict[str, Measures
 
 def main() -> None:
     """Solves, measures and draws."""
-    said: dict[str, Any] = {"command": "python experiments/safety_grid.py", "x": safety.ACROSS}
+    said: dict[str, Any] = {"x": safety.ACROSS}
     for name, noise in NOISES.items():
         after = outcomes(**noise)
         said[name] = {score: measures(after, n, **noise) for score, n in COUNTS.items()}
     results = seeds.results_of(safety.NAME)
-    (results / "grid.json").write_text(json.dumps(said) + "\n")
+    raw.write(results / "grid.json", said, replace=True)
     learned = safety.at_end(safety.by_epoch(results))
     safety_figures.grid(said, learned).savefig(results / "grid.png", dpi=150)
 

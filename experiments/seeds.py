@@ -10,10 +10,10 @@ import argparse
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from statistics import median
 from typing import Any, NamedTuple
 
 from everystate import scaling
+from everystate.evaluation import raw
 from everystate.evaluation.aggregate import over_seeds
 from everystate.presets import preset
 from everystate.scaling import Evaluation, Trial
@@ -34,8 +34,6 @@ class Setting(NamedTuple):
 
 
 Settings = Mapping[str, Setting]
-Column = Callable[[dict[str, Any]], float]
-"""A share, read from an evaluation."""
 
 
 def results_of(name: str) -> Path:
@@ -59,26 +57,13 @@ def summarise(where: str, settings: Settings) -> dict[str, list[Path]]:
     }
     folders = {name: found for name, found in folders.items() if found}
     summaries = {name: over_seeds(evaluations(found)) for name, found in folders.items()}
-    (results / "summary.json").write_text(json.dumps(summaries, indent=1) + "\n")
+    raw.write(results / "summary.json", summaries, replace=True)
     return folders
 
 
 def evaluations(folders: Sequence[Path]) -> list[dict[str, Any]]:
     """What was measured of these runs."""
     return [json.loads((folder / "evaluation.json").read_text()) for folder in folders]
-
-
-def write_table(
-    body: str, folders: Mapping[str, Sequence[Path]], columns: Mapping[str, Column]
-) -> None:
-    """settings.md: a row per setting, in per cent the median over its seeds and each of them."""
-    lines = ["| setting | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
-    for name, found in folders.items():
-        read = evaluations(found)
-        values = [[round(100 * column(one)) for one in read] for column in columns.values()]
-        cells = [f"{median(row):.0f} ({' '.join(map(str, row))})" for row in values]
-        lines.append(" | ".join([f"| {name}", *cells]) + " |")
-    (results_of(body) / "settings.md").write_text("\n".join(lines) + "\n")
 
 
 def main(

@@ -20,7 +20,7 @@ from statistics import median
 
 import matplotlib.pyplot as plt
 
-from everystate.evaluation.provenance import provenance
+from everystate.evaluation import raw
 from everystate.training.logging import read_metrics
 
 RESULTS = Path(__file__).resolve().parent.parent / "results" / "soak"
@@ -92,16 +92,13 @@ def main() -> None:
         (after["cpu_s"] - before["cpu_s"]) / (after["epochs"] - before["epochs"])
         for before, after in zip(begun, begun[10:], strict=False)  # ten seconds apart
     ]
-    RESULTS.mkdir(parents=True, exist_ok=True)
     said = {
-        "command": f"python experiments/soak.py {steps}",
         "options": OPTIONS,
         "environment_steps": steps,
         "minutes": round(sum(times) / 60, 1),
         "tenths": {name: [round(x, 3) for x in tenths(x)] for name, x in series.items()},
-        "provenance": provenance(),
     }
-    (RESULTS / "soak.json").write_text(json.dumps(said, indent=1) + "\n")
+    raw.write(RESULTS / "soak.json", said, replace=True)
     figure, axes = plt.subplots(1, 5, figsize=(15, 2.8), layout="constrained")
     for axis, (name, title) in zip(axes.flat, SHOWN.items(), strict=True):
         axis.plot(range(5, 105, 10), tenths(series[name]), marker="o", linewidth=2)

@@ -1,4 +1,4 @@
-"""Ant: four legs, eight motors, and no way up that differs from the other (Zhang 2019, 5.3).
+"""Ant: four legs, eight motors, and no way up that differs from the other (Zhang 2019).
 
 An ant that lies on its back is the mirror image of one that stands, with its ankles bent the other
 way: so no state is a dead end, and it need never be reset.

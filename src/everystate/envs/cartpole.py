@@ -1,4 +1,4 @@
-"""Cartpole: the Control Suite's, without its task (Tassa et al. 2018; Zhang 2019, section 5.2).
+"""Cartpole: the Control Suite's, without its task (Tassa et al. 2018; Zhang 2019).
 
 A cart on a rail of 3.6 m carries a pole that turns right round; the one motor pushes the cart.
 The angle of the pole is 0 when it stands up. It begins hanging, nearly at rest, and is never reset.
