@@ -1,6 +1,6 @@
 # Everything a developer types. `make` alone explains itself.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test coverage test-slow test-browser peers test-peers scale test-scale check bench docs clean
+.PHONY: help setup demo test coverage test-slow test-browser peers test-peers scale test-scale check tables bench docs clean
 
 # The first Python 3.11 with its venv module; name another with `make PYTHON=...`.
 PYTHON ?= $(shell for p in python3.11 python3 python; do \
@@ -67,11 +67,15 @@ test-scale: scale  ## run the tests of sweeps and collectors over Ray
 
 check: export PYRIGHT_PYTHON_GLOBAL_NODE = 0
 check: export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1
-check: scale  ## lint, format, types and the layers
+check: scale  ## lint, format, types, the layers and the tables of documents
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+	$(BIN)/python experiments/tables.py --check
+
+tables: setup  ## write the tables of README.md and docs/ from the raw files of results/
+	$(BIN)/python experiments/tables.py
 
 bench: scale  ## measure speed and memory, one script of benchmarks/ after the other
 	@set -e; for script in benchmarks/[a-z]*.py; do echo "$$script"; $(BIN)/python "$$script"; done

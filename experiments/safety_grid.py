@@ -23,6 +23,7 @@ from scipy.special import comb
 
 from everystate.envs import make
 from everystate.envs.ramp_pointmass import ARENA
+from everystate.evaluation import raw
 
 # Masses come to rest on either side of an edge and never over it, 0.45 < x < 0.5, so that no value
 # between grid points is one between the ramp and the floor.
