@@ -1,0 +1,52 @@
+"""Tables in documents are those that raw files make."""
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+EXPERIMENTS = Path(__file__).parents[1] / "experiments"
+
+
+@pytest.fixture
+def cells(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(str(EXPERIMENTS))
+    found = importlib.import_module("table_cells")
+    monkeypatch.setattr(found, "TABLES", {"two": lambda: [["a", "b"], ["1", "2"]]})
+    return found
+
+
+def test_the_documents_hold_what_the_raw_files_say() -> None:
+    words = [sys.executable, str(EXPERIMENTS / "tables.py"), "--check"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_stale_table_is_named_and_written_anew(cells: Any, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("x\n\n<!-- table: two -->\n| a | b |\n| 1 | 3 |\n<!-- end -->\n\ny\n")
+    text, stale = cells.rewrite(page)
+    assert stale == ["two"]
+    table = "| a | b |\n| --- | --- |\n| 1 | 2 |\n"
+    assert text == f"x\n\n<!-- table: two -->\n{table}<!-- end -->\n\ny\n"
+    page.write_text(text)
+    assert cells.rewrite(page) == (text, [])
+
+
+def test_an_unknown_table_is_an_error(cells: Any, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- table: three -->\n<!-- end -->\n")
+    with pytest.raises(SystemExit, match="no table 'three'"):
+        cells.rewrite(page)
+
+
+def test_cells_have_the_median_and_every_seed(cells: Any) -> None:
+    assert cells.each([0.1, 1.0, 0.15]) == "15 (10 100 15)"
+    assert cells.worst([0.84, 0.99, 1.0]) == "99, worst 84"
+    assert cells.worst([0.0075, 0.165], max, ".3g") == "8.62, worst 16.5"
+    assert cells.each([]) == cells.NONE
+    assert cells.interval([0.5, 0.5, 0.5]) == "50 [50, 50]"
+    assert cells.values([{"a": {"b": 1.0}}, {"a": None}], "a", "b") == [1.0]
