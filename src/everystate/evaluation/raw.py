@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,8 @@ def write(path: Path | str, result: Mapping[str, Any], *, replace: bool = False)
         raise EverystateError(
             f"{path} holds another result: choose another file, or say that it is to be replaced"
         )
-    content |= {name: x for name, x in provenance().items() if name not in content}
+    header = {**provenance(), "date": datetime.now(UTC).isoformat(timespec="seconds")}
+    content |= {name: x for name, x in header.items() if name not in content}
     lines = (f" {json.dumps(n)}: {json.dumps(x)}" for n, x in _signed(content).items())
     text = "{\n" + ",\n".join(lines) + "\n}\n"
     if len(text) > LARGEST:
@@ -73,11 +75,6 @@ def check(path: Path | str) -> dict[str, Any]:
             f"{path} was changed after it was written: make it again or delete it"
         )
     return content
-
-
-def is_raw(path: Path | str) -> bool:
-    """Whether a file claims to be a raw result with a header."""
-    return "sha256" in _read(Path(path))
 
 
 def _read(path: Path) -> dict[str, Any]:
