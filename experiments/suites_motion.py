@@ -17,7 +17,7 @@ from suites_rest import SEEDS, ant_sigma, cartpole_sigma, rounded
 from everystate.envs import BodyVectorEnv, Physics, make
 from everystate.evaluation import metrics
 from everystate.evaluation.suites import Split, Suite
-from everystate.skills.ant import feet, up
+from everystate.skills.ant_rules import jumps, up
 
 KS = (4, 8, 16, 32, 64)
 """Steps from start to goal."""
@@ -247,7 +247,7 @@ def ant_kinds(states: Float[np.ndarray, "n 29"]) -> Shaped[np.ndarray, " n"]:
     kinds = np.where(np.abs(states[:, 20]) > 1.0, "turning", kinds)
     kinds = np.where(np.abs(states[:, 17]) > 0.5, "rising", kinds)
     kinds = np.where(tilting > 2.0, "rolling over", kinds)
-    return np.where(feet(states).min(axis=-1) > 0.03, "jumping", kinds)
+    return np.where(jumps(states[None])[0], "jumping", kinds)
 
 
 _NOTES = (

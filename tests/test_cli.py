@@ -11,6 +11,7 @@ from rich.table import Table
 
 from everystate import cli, evaluation, training, viewing
 from everystate.errors import EverystateError
+from everystate.evaluation import raw
 from everystate.presets import preset
 
 RESULT = {"suites": {"rest": {"policy": {"score": {"all": 1.0}}}}}
@@ -214,3 +215,14 @@ def test_what_is_piped_is_plain_and_fits_a_terminal() -> None:
     lines = done.stdout.decode().splitlines()
     assert any("ledge" in line and "100 %" in line for line in lines)
     assert not any("\x1b" in line or len(line) > 80 for line in lines)
+
+
+def test_evaluate_writes_a_raw_file_that_was_not_there(
+    calls: list[tuple[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    out = tmp_path / "results" / "one.json"
+    assert cli.main(["evaluate", "runs/x", "--out", str(out)]) == 0
+    assert raw.check(out)["suites"] == RESULT["suites"]
+    assert cli.main(["evaluate", "runs/x", "--out", str(out)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert len(calls) == 1  # nothing was measured for nothing

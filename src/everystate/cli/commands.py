@@ -77,7 +77,10 @@ def evaluate(argv: list[str]) -> None:
     """Print what a run can reach."""
     options = parse(Evaluate, "evaluate", argv)
     from everystate import evaluation
+    from everystate.evaluation import raw
 
+    if options.out and options.out.exists():
+        raise EverystateError(f"{options.out} exists already: choose another --out")
     with _working("measuring"):
         result = evaluation.evaluate(
             options.run,
@@ -88,6 +91,8 @@ def evaluate(argv: list[str]) -> None:
             skills=options.skills,
             perturb=options.perturb == "grid",
         )
+    if options.out:
+        raw.write(options.out, result)
     if options.json:
         print(json.dumps(result))
         return
