@@ -110,14 +110,18 @@ class Agent:
         )
         return np.asarray(scaled - np.log(np.asarray(self.scale.spread)).sum())
 
-    def export(self, path: str | Path, scores: Mapping[str, Any] | None = None) -> Path:
+    def export(
+        self, path: str | Path, scores: Mapping[str, Any] | None = None, *, half: bool = False
+    ) -> Path:
         """Writes the agent to a new folder that `load` reads, anywhere and without running code.
 
         Args:
             path: the folder; it must not exist.
             scores: results to keep with it, anything JSON can hold.
+            half: matrices as float16, for half the size; it then acts a little differently.
         """
-        return files.export(Path(path), self.models, self.scale, self.config, self.body, scores)
+        agent = self.models, self.scale, self.config, self.body
+        return files.export(Path(path), *agent, scores, half)
 
     def _scaled(self, what: str, value: ArrayLike) -> Float32[np.ndarray, "*n state"]:
         names = self.body.state_names

@@ -68,8 +68,9 @@ def write(
     config: Config,
     body: BodyInfo,
     scores: Mapping[str, Any] | None = None,
+    half: bool = False,
 ) -> None:
-    """Writes an agent's two files into an existing folder."""
+    """Writes an agent's two files into an existing folder; if `half`, matrices as float16."""
     description = {
         "format": FORMAT,
         "everystate": version("everystate"),
@@ -79,8 +80,15 @@ def write(
         "scores": dict(scores or {}),
     }
     arrays = {name: np.asarray(x) for name, x in named_arrays(models).items()}
+    if half:
+        arrays = {name: _halved(x) for name, x in arrays.items()}
     safetensors.numpy.save_file(arrays, folder / "agent.safetensors")
     (folder / "agent.json").write_text(json.dumps(description, indent=2) + "\n")
+
+
+def _halved(array: np.ndarray) -> np.ndarray:
+    # Vectors are scales too, which may be too small for it, and take no room.
+    return array.astype(np.float16) if array.dtype == np.float32 and array.ndim > 1 else array
 
 
 def read(folder: Path) -> tuple[Models, Scale, Config, BodyInfo]:
@@ -101,6 +109,7 @@ def read(folder: Path) -> tuple[Models, Scale, Config, BodyInfo]:
         body = body._replace(state_names=tuple(body.state_names))
         models = skeleton(config, len(body.state_names), body.action_size).models
         arrays = safetensors.numpy.load_file(folder / "agent.safetensors")
+        arrays = {n: np.float32(x) if x.dtype == np.float16 else x for n, x in arrays.items()}
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
         return models, Scale(**units), config, body

@@ -1,4 +1,4 @@
-"""What stands beside our agent in a comparison, as an evaluation wants it."""
+"""What stands beside our agent in a comparison and learns nothing, as an evaluation wants it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +18,7 @@ class PeerConfig:
     seed: int
     agent: str
     settings: dict[str, Any]
-    """Of its learning, by the names its own library gives them."""
+    """The fields of its `PeerSettings`; empty for one that does not learn."""
 
 
 class RandomActions:
@@ -26,15 +26,37 @@ class RandomActions:
 
     def __init__(self, config: PeerConfig) -> None:
         self.config = config
-        body = envs.make(config.body, 1, 0, **envs.parse_options(config.body_options))
-        self._size = body.single_action_space.shape[0]
+        self._size = _action_size(config)
 
     def act(
         self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0
     ) -> Float32[np.ndarray, "*n action"]:
         shape = (*np.shape(observation)[:-1], self._size)
-        return np.random.default_rng(seed).uniform(-1, 1, shape).astype(np.float32)
+        rng = np.random.default_rng((self.config.seed, seed))  # each of its seeds has others
+        return rng.uniform(-1, 1, shape).astype(np.float32)
 
     def steps_to_goal(self, observation: Any, goal: Any) -> Float32[np.ndarray, "*n"]:
         """It has no idea."""
         return np.full(np.shape(observation)[:-1], np.nan, dtype=np.float32)
+
+
+class DoNothing:
+    """Lets the body go where it goes by itself."""
+
+    def __init__(self, config: PeerConfig) -> None:
+        self.config = config
+        self._size = _action_size(config)
+
+    def act(
+        self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0
+    ) -> Float32[np.ndarray, "*n action"]:
+        return np.zeros((*np.shape(observation)[:-1], self._size), dtype=np.float32)
+
+    def steps_to_goal(self, observation: Any, goal: Any) -> Float32[np.ndarray, "*n"]:
+        """It has no idea."""
+        return np.full(np.shape(observation)[:-1], np.nan, dtype=np.float32)
+
+
+def _action_size(config: PeerConfig) -> int:
+    body = envs.make(config.body, 1, 0, **envs.parse_options(config.body_options))
+    return body.single_action_space.shape[0]

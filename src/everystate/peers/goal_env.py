@@ -1,7 +1,8 @@
-"""A body as Stable-Baselines3 wants it for hindsight: goals are whole states, rewards sparse."""
+"""A body as Stable-Baselines3 wants it for hindsight: goals are whole states."""
 
+import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -9,33 +10,55 @@ from jaxtyping import Float, Float32
 from stable_baselines3.common.vec_env import VecEnv
 
 from everystate.envs import BodyVectorEnv, random_play
-from everystate.evaluation import metrics
 from everystate.evaluation.suites import Suite
 
 GOAL_EPS = 0.5
 """The reward asks for what success@0.5 asks for: the peer is trained on what is measured."""
 _REMEMBERED = 100_000  # states from which goals are drawn
+_PLAYED = 2_500  # of them, by random actions, before there are others
 
 Observation = dict[str, Float32[np.ndarray, "envs state"]]
 
 
 class GoalVecEnv(VecEnv):
-    """All bodies at once; episodes of one length, each with a reset and a new goal.
+    """All bodies at once; episodes of one length, each with a new goal.
 
     States are scaled as for our agent. Goals are drawn among the last states visited: without a
-    goal space there is nothing else to draw from. The reward is 0 within `GOAL_EPS` of the goal in
-    every scored component and -1 elsewhere; being there ends nothing.
+    goal space there is nothing else to draw from. Being at a goal ends nothing. With d_i the
+    distance of a scored component in units of sigma, the reward is
+
+        sparse   0 where max |d_i| <= `GOAL_EPS`, -1 elsewhere
+        dense    exp(-mean d_i^2) - 1: like ours (4.2), on the states themselves. The mean, not the
+                 sum, as with 29 components the kernel of a sum is 0 nearly everywhere
     """
 
-    def __init__(self, body: BodyVectorEnv, suite: Suite, seed: int) -> None:
-        """The suite gives the units of the reward, and its longest horizon is an episode's."""
+    def __init__(
+        self,
+        body: BodyVectorEnv,
+        suite: Suite,
+        seed: int,
+        *,
+        reward: Literal["sparse", "dense"] = "sparse",
+        resets: bool = True,
+    ) -> None:
+        """Makes the bodies' episodes.
+
+        Args:
+            body: all bodies.
+            suite: gives the units of the reward, and its longest horizon is an episode's.
+            seed: of the goals.
+            reward: see above.
+            resets: whether an episode starts from a new initial state; otherwise it starts where
+                the last one ended, as with ours, and only a body that ends is put back.
+        """
         self.body, self.suite = body, suite
+        self._dense, self._resets = reward == "dense", resets
         self.episode_steps = int(suite.horizons.max())
         self._rng = np.random.default_rng(seed)
         self._seen: Callable[[Float32[np.ndarray, "envs state"]], None] | None = None
         size = len(body.state_names)
         self._visited, self._count = np.zeros((_REMEMBERED, size), np.float32), 0
-        for states in random_play(body, 50, seed):
+        for states in random_play(body, -(-_PLAYED // body.num_envs), seed):
             self._remember(states)
         box = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         names = ("observation", "achieved_goal", "desired_goal")
@@ -49,9 +72,7 @@ class GoalVecEnv(VecEnv):
 
     def reset(self) -> Observation:
         self._states, _ = self.body.reset()
-        self._steps = 0
-        self._goals = self._drawn()
-        return self._observation(self._states)
+        return self._episode()
 
     def step_async(self, actions: Float[np.ndarray, "envs action"]) -> None:
         self._actions = actions
@@ -69,7 +90,10 @@ class GoalVecEnv(VecEnv):
         rewards = self.compute_reward(final["achieved_goal"], final["desired_goal"])
         over = self._steps == self.episode_steps
         done = np.ones(self.num_envs, dtype=bool) if over else ended
-        observation = self.reset() if over else self._observation(after)
+        if over:
+            observation = self.reset() if self._resets else self._episode()
+        else:
+            observation = self._observation(after)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(done):
             infos[i]["terminal_observation"] = {name: x[i] for name, x in final.items()}
@@ -82,16 +106,26 @@ class GoalVecEnv(VecEnv):
         desired: Float32[np.ndarray, "n state"],
         *_: object,
     ) -> Float32[np.ndarray, " n"]:
-        """0 where a scaled state is within `GOAL_EPS` of its goal, -1 elsewhere."""
+        """Of scaled states and goals."""
         states, goals = self.body.scored(self._own(achieved)), self.body.scored(self._own(desired))
+        apart = states - goals
         angular = self.suite.mask(self.suite.angular)
-        distance = metrics.distances(states[None], goals, self.suite.sigma, angular)[0]
-        return np.where(distance <= GOAL_EPS, 0, -1).astype(np.float32)
+        short = np.mod(apart + math.pi, 2 * math.pi) - math.pi  # the short way round
+        apart = np.where(angular, short, apart) / self.suite.sigma
+        if self._dense:
+            return np.expm1(-(apart**2).mean(axis=1)).astype(np.float32)
+        return np.where(np.abs(apart).max(axis=1) <= GOAL_EPS, 0, -1).astype(np.float32)
 
     def scaled(self, states: Float[np.ndarray, "n state"]) -> Float32[np.ndarray, "n state"]:
         """As the peer sees them."""
         scaling = self.body.scaling
         return ((states - scaling.centre) / scaling.spread).astype(np.float32)
+
+    def _episode(self) -> Observation:
+        """A new one, from where the bodies are."""
+        self._steps = 0
+        self._goals = self._drawn()
+        return self._observation(self._states)
 
     def _own(self, scaled: Float32[np.ndarray, "n state"]) -> Float[np.ndarray, "n state"]:
         scaling = self.body.scaling

@@ -1,11 +1,9 @@
-"""Stable-Baselines3's SAC, and sb3-contrib's TQC, with hindsight experience replay.
-
-Settings are those that the library's zoo uses for tasks with goals, but for the discount, as a body
-here takes up to a hundred steps to its goal, and for how often it learns: many bodies at once.
-"""
+"""Stable-Baselines3's SAC, and sb3-contrib's TQC, with hindsight experience replay."""
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,46 +12,57 @@ from jaxtyping import Float32
 from sb3_contrib import TQC
 from stable_baselines3 import SAC, HerReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecNormalize
 
 from everystate import envs
 from everystate.evaluation import suites
+from everystate.peers import acting
 from everystate.peers.agents import PeerConfig
 from everystate.peers.goal_env import GoalVecEnv
+from everystate.peers.settings import PeerSettings
 
-NUM_ENVS = 50
-SETTINGS: dict[str, Any] = {
-    "buffer_size": 1_000_000,
-    "batch_size": 256,
-    "gamma": 0.98,
-    "learning_rate": 1e-3,
-    "tau": 0.05,
-    "train_freq": 1,
-    "gradient_steps": 8,
-    "policy_kwargs": {"net_arch": [256, 256, 256]},
-    "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
-}
-_ALGORITHMS: dict[str, type[SAC | TQC]] = {"sac-her": SAC, "tqc-her": TQC}
+_ALGORITHMS: dict[str, type[SAC | TQC]] = {"sac": SAC, "tqc": TQC}
+_INPUTS = ("observation", "achieved_goal", "desired_goal")
 
 
 class HindsightAgent:
     """The peer, as an evaluation wants it."""
 
-    def __init__(self, config: PeerConfig) -> None:
+    def __init__(self, body: str, seed: int, name: str, settings: PeerSettings) -> None:
         """Untrained; PyTorch gets one thread, as each run of a comparison has one core."""
         torch.set_num_threads(1)
-        options = envs.parse_options(config.body_options)
-        body = envs.make(config.body, NUM_ENVS, config.seed, **options)
-        suite = suites.load(config.body, options=config.body_options)
-        self.config, self.env = config, GoalVecEnv(body, suite, config.seed)
-        self.model = _ALGORITHMS[config.agent](
+        self.settings = settings
+        self.config = PeerConfig(body, (), seed, name, asdict(settings))
+        self.env = GoalVecEnv(
+            envs.make(body, settings.num_envs, seed),
+            suites.load(body),
+            seed,
+            reward=settings.reward,
+            resets=settings.resets,
+        )
+        normalizing = VecNormalize(self.env, gamma=settings.gamma) if settings.normalize else None
+        self._normalizing = normalizing
+        whole = settings.num_envs * (self.env.episode_steps + 1)
+        self.model = _ALGORITHMS[settings.algorithm](
             "MultiInputPolicy",
-            self.env,
-            replay_buffer_class=HerReplayBuffer,
+            normalizing or self.env,
+            buffer_size=settings.buffer_size,
+            batch_size=settings.batch_size,
+            gamma=settings.gamma,
+            tau=settings.tau,
+            learning_rate=settings.learning_rate,
+            train_freq=settings.train_freq,
+            gradient_steps=settings.gradient_steps,
             # Hindsight needs whole episodes.
-            learning_starts=NUM_ENVS * (self.env.episode_steps + 1),
-            seed=config.seed,
+            learning_starts=max(settings.learning_starts, whole),
+            policy_kwargs={"net_arch": [*settings.net_arch], "n_critics": settings.n_critics},
+            replay_buffer_class=HerReplayBuffer,
+            replay_buffer_kwargs={
+                "n_sampled_goal": settings.n_sampled_goal,
+                "goal_selection_strategy": settings.goal_selection_strategy,
+            },
+            seed=seed,
             device="cpu",
-            **config.settings,
         )
 
     def learn(self, seconds: float, watch: Callable[[int, float], None], period: float) -> None:
@@ -77,16 +86,45 @@ class HindsightAgent:
                 critics.mean((1, 2))
                 if isinstance(self.model, TQC)
                 else torch.cat(critics, 1).amin(1)
-            )
-        gamma = self.config.settings["gamma"]
-        left = np.maximum(1 + (1 - gamma) * value.numpy(), 1e-3)
+            ).numpy()
+        if self._normalizing:
+            value = value * np.sqrt(self._normalizing.ret_rms.var + self._normalizing.epsilon)
+        gamma = self.settings.gamma
+        left = np.maximum(1 + (1 - gamma) * value, 1e-3)
         return (np.log(left) / np.log(gamma)).astype(np.float32)
+
+    def keep(self, folder: Path) -> acting.Actor:
+        """Writes what it needs to act again into a new folder, and returns what was written."""
+        acting.write(self.actor(), folder)
+        return replace(acting.read(folder), estimate=self.steps_to_goal)
+
+    def actor(self) -> acting.Actor:
+        """The policy without its noise, as NumPy runs it."""
+        model, scaling = self.model.actor, self.env.body.scaling
+        layers = [m for m in (*model.latent_pi, model.mu) if isinstance(m, torch.nn.Linear)]
+        inputs = tuple(self.model.observation_space.spaces)  # concatenated in this order
+        shift, scale, clip = dict.fromkeys(inputs, 0.0), dict.fromkeys(inputs, 1.0), None
+        if self._normalizing:
+            means = self._normalizing.obs_rms
+            shift = {name: means[name].mean for name in inputs}
+            scale = {n: np.sqrt(means[n].var + self._normalizing.epsilon) for n in inputs}
+            clip = self._normalizing.clip_obs
+        shifts = [scaling.centre + scaling.spread * shift[name] for name in inputs]
+        return acting.Actor(
+            config=self.config,
+            inputs=inputs,
+            shift=np.concatenate(shifts).astype(np.float32),
+            scale=np.concatenate([scaling.spread * scale[n] for n in inputs]).astype(np.float32),
+            clip=clip,
+            weights=tuple(layer.weight.detach().numpy().copy() for layer in layers),
+            biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
+        )
 
     def _asked(self, observation: Any, goal: Any) -> Mapping[str, Float32[np.ndarray, "n state"]]:
         states, goals = np.broadcast_arrays(observation, goal)
         scaled = self.env.scaled(states)
-        names = "observation", "achieved_goal", "desired_goal"
-        return dict(zip(names, (scaled, scaled, self.env.scaled(goals)), strict=True))
+        asked = dict(zip(_INPUTS, (scaled, scaled, self.env.scaled(goals)), strict=True))
+        return self._normalizing.normalize_obs(asked) if self._normalizing else asked
 
 
 class _Clock(BaseCallback):
