@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from everystate import cli, evaluation, peers, viewing
 from everystate.cli import options
-from everystate.peers import comparison
+from everystate.peers import blocks, comparison
 from everystate.training import loop
 from everystate.viewing import studio
 
@@ -91,7 +91,7 @@ def main() -> None:
     examples = int(sys.argv[1]) if len(sys.argv) > 1 else 500
     for module, name in (
         (loop, "_run"),
-        (comparison, "_run"),
+        (blocks, "_run"),
         (comparison, "write"),
         (peers, "table"),
         (evaluation, "evaluate"),

@@ -107,7 +107,10 @@ def compare(argv: list[str]) -> None:
 
     shared = options.body, options.minutes, options.preset, options.episodes, options.plan
     out = options.out or Path("runs") / f"compare-{Path(options.body).stem}"
-    result = peers.compare(peers.Terms(*shared), options.agents, options.seeds, out)
+    if options.rescore:
+        result = peers.rescore(options.body, out)
+    else:
+        result = peers.compare(peers.Terms(*shared), options.agents, options.seeds, out)
     print(peers.table(result))
     print(f"in {out}")
 

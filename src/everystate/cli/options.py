@@ -68,13 +68,14 @@ class Compare:
     """Trains agents on one body for the same time, each on one core, and measures them alike.
 
     Agents: ours (as `everystate train` makes it), ours-least-likely, ours-density, ours-visited,
-    ours-skew-fit, ours-mega and ours-uniform (by other choices of goals), sac-her, tqc-her and
-    random.
+    ours-skew-fit, ours-mega and ours-uniform (by other choices of goals), sac-her, tqc-her,
+    sac-her-zoo, tqc-her-zoo and tqc-her-zoo-push, each of these also as NAME-dense and
+    NAME-no-reset, and, named or not, nothing and random.
     """
 
     body: tyro.conf.Positional[str]
     """Body to learn; `everystate bodies` lists them."""
-    agents: tuple[str, ...] = ("ours", "sac-her", "random")
+    agents: tuple[str, ...] = ("ours", "sac-her")
     """Whom to compare."""
     seeds: int = 5
     """Runs of each, of seeds 0, 1, and so on."""
@@ -88,6 +89,9 @@ class Compare:
     """Only so many goals of the suite."""
     plan: bool = True
     """Measure our agents with planning at act time too."""
+    rescore: bool = False
+    """Train nothing; measure again all agents of the comparison in --out, from what was kept of
+    them."""
 
 
 @dataclasses.dataclass(frozen=True)

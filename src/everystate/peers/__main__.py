@@ -1,19 +1,20 @@
-"""One run of a comparison, in a process of its own: FOLDER AGENT SEED."""
+"""One run of a comparison, in a process of its own: FOLDER AGENT SEED play|replay."""
 
 import json
 import sys
 from pathlib import Path
 
 from everystate.errors import EverystateError
-from everystate.peers.contest import Terms, play
+from everystate.peers.contest import Terms, play, replay
 
 
-def main(folder: str, name: str, seed: str) -> int:
+def main(folder: str, name: str, seed: str, what: str) -> int:
     """Returns the exit code."""
     terms = json.loads((Path(folder) / "terms.json").read_text())
     terms["options"] = tuple(terms["options"])
     try:
-        play(name, int(seed), Terms(**terms), Path(folder) / name / f"seed{seed}")
+        do = {"play": play, "replay": replay}[what]
+        do(name, int(seed), Terms(**terms), Path(folder) / name / f"seed{seed}")
     except EverystateError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -1,21 +1,16 @@
 """Agents side by side: the same body, harness and wall-clock, each on one core."""
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import Queue
 from typing import Any
 
 from everystate.agent.files import read_json
 from everystate.errors import EverystateError
 from everystate.evaluation import suites
 from everystate.evaluation.aggregate import over_seeds, summary
-from everystate.peers import contestants
-from everystate.peers.contest import Terms
+from everystate.peers import blocks, contestants, reading
+from everystate.peers.contest import MEASURED, RESCORED, Terms
 from everystate.peers.tables import table
 from everystate.presets import preset
 from everystate.training.logging import read_metrics
@@ -25,9 +20,10 @@ _MOST = 100_000
 
 
 def compare(terms: Terms, agents: Sequence[str], seeds: int, folder: Path) -> dict[str, Any]:
-    """Trains and measures every agent with every seed, as many at a time as there are cores.
+    """Trains and measures every agent with every seed, block by block (`blocks.py`).
 
-    What is in the folder already is not done again, so the same command goes on after a stop.
+    Doing nothing and random actions are part of it, named or not. What is in the folder already is
+    not done again, so the same command goes on after a stop.
 
     Args:
         terms: what is the same for all.
@@ -38,10 +34,10 @@ def compare(terms: Terms, agents: Sequence[str], seeds: int, folder: Path) -> di
 
     Raises:
         EverystateError: a term is out of range, an agent is unknown or not installed, the folder
-            is of another comparison, or runs failed; those that did not are kept.
+            is of another comparison, a block was begun on another machine, or runs failed; those
+            that did not are kept, and in the tables.
     """
-    agents = list(dict.fromkeys(agents))
-    contestants.require(agents)
+    agents = contestants.complete(agents)
     if not (1 <= seeds <= _MOST and 0 < terms.minutes <= _MOST):
         raise EverystateError(
             f"{seeds} seeds of {terms.minutes:g} minutes: choose from 1 to {_MOST:,} seeds, and"
@@ -51,69 +47,103 @@ def compare(terms: Terms, agents: Sequence[str], seeds: int, folder: Path) -> di
     suite = suites.load(terms.body)
     suite.subset(len(suite.goals) if terms.episodes is None else terms.episodes)
     _claim(folder, terms)
-    cores: Queue[int] = Queue()
-    for core in sorted(os.sched_getaffinity(0)):
-        cores.put(core)
-
-    def job(name: str, seed: int) -> str | None:
-        core = cores.get()
-        try:
-            return _run(folder, name, seed, core)
-        finally:
-            cores.put(core)
-
-    # Seed by seed, so that a comparison that is stopped has all agents with its first seeds.
-    runs = [(name, seed) for seed in range(seeds) for name in agents]
-    with ThreadPoolExecutor(cores.qsize()) as pool:
-        problems = [p for p in pool.map(lambda run: job(*run), runs) if p]
-    if problems:
-        raise EverystateError(
-            f"{len(problems)} of {len(runs)} runs failed; the same command tries them again."
-            f" The first: {problems[0]}"
-        )
-    return write(folder, agents)
+    problems = blocks.run(folder, agents, range(seeds), "play")
+    result = write(folder, agents)
+    _complain(problems)
+    return result
 
 
-def write(folder: Path, agents: Sequence[str]) -> dict[str, Any]:
-    """Everything over seeds, as files, from the results in the folder alone."""
+def rescore(body: str, folder: Path) -> dict[str, Any]:
+    """Measures every agent of a comparison again from what was kept of it; nothing is trained.
+
+    Args:
+        body: of the comparison.
+        folder: of the comparison; gets `AGENT/seedN/rescored.json`, and over seeds
+            `comparison-rescored.json` and `.md`. What was measured before stays as it is.
+
+    Raises:
+        EverystateError: there is no comparison of this body, or something kept is missing or not
+            what was measured.
+    """
+    try:
+        found = read_json(folder / "terms.json")["body"]
+    except (OSError, ValueError, KeyError) as error:
+        raise EverystateError(f"{folder} holds no comparison: give its folder as --out") from error
+    if found != body:
+        raise EverystateError(f"{folder} compares agents on {found}, not on {body}")
+    seeds = sorted({int(run.name.removeprefix("seed")) for run in folder.glob("*/seed[0-9]*/")})
+    _complain(blocks.run(folder, _present(folder), seeds, "replay"))
+    return write(folder, [], RESCORED)
+
+
+def write(folder: Path, agents: Sequence[str], measured: str = MEASURED) -> dict[str, Any]:
+    """Everything over seeds, as files, from the results in the folder alone.
+
+    Of all agents there are results of, and of those named even where there are none.
+    """
     from everystate.viewing.figures import comparison
 
-    groups = {name: sorted((folder / name).glob("seed*")) for name in agents}
-    groups = {
-        name: [run for run in found if (run / "evaluation.json").exists()]
-        for name, found in groups.items()
-    }
-    result = gather(read_json(folder / "terms.json"), groups)
-    write_atomically(folder / "comparison.json", json.dumps(result, indent=1) + "\n")
-    write_atomically(folder / "comparison.md", table(result))
+    named = [*dict.fromkeys([*agents, *_present(folder)])]
+    named = sorted(named, key=lambda name: name in contestants.ALWAYS)  # these come last
+    groups = {name: sorted((folder / name).glob("seed*"), key=_seed) for name in named}
+    groups = {name: [r for r in runs if (r / measured).exists()] for name, runs in groups.items()}
+    result = gather(read_json(folder / "terms.json"), groups, measured)
+    end = "" if measured == MEASURED else "-rescored"
+    write_atomically(folder / f"comparison{end}.json", json.dumps(result, indent=1) + "\n")
+    write_atomically(folder / f"comparison{end}.md", table(result))
     grown = {n: [r for r in found if read_metrics(r)] for n, found in groups.items()}
     grown = {n: found for n, found in grown.items() if found}
-    for over in ("minutes", "steps") if grown else ():
+    for over in ("minutes", "steps") if grown and not end else ():
         comparison(grown, over=over).savefig(folder / f"comparison-{over}.png", dpi=150)
     return result
 
 
-def gather(terms: Mapping[str, Any], groups: Mapping[str, Sequence[Path]]) -> dict[str, Any]:
-    """Evaluations over seeds by agent, and success after as many steps as the slowest took."""
-    read = {name: [read_json(run / "evaluation.json") for run in g] for name, g in groups.items()}
+def gather(
+    terms: Mapping[str, Any], groups: Mapping[str, Sequence[Path]], measured: str = MEASURED
+) -> dict[str, Any]:
+    """Evaluations over seeds by agent, and success after as many steps as the slowest took.
+
+    An agent without runs has `seeds` of none and nothing else. Looks while training were scored as
+    the runs were at first: of runs that are measured again nothing is told after equal steps.
+    """
+    read = {name: [read_json(run / measured) for run in g] for name, g in groups.items()}
     taken = [one["steps"] for found in read.values() for one in found if one["steps"]]
     fewest = min(taken, default=0)
-    agents = {}
+    agents: dict[str, Any] = {}
     for name, found in read.items():
+        if not found:
+            agents[name] = {"seeds": []}
+            continue
+        looks = [_success_by(run, fewest) for run in groups[name]] if measured == MEASURED else []
         agents[name] = over_seeds(found) | {
             "steps": summary([float(one["steps"]) for one in found]),
-            "at_equal_steps": _summaries([_success_by(run, fewest) for run in groups[name]]),
+            "at_equal_steps": _summaries(looks),
         }
     return {**terms, "equal_steps": fewest, "agents": agents}
+
+
+def _present(folder: Path) -> list[str]:
+    return [n for n in contestants.CONTESTANTS if any((folder / n).glob(f"seed*/{MEASURED}"))]
+
+
+def _seed(run: Path) -> int:
+    return int(run.name.removeprefix("seed"))
+
+
+def _complain(problems: Sequence[str]) -> None:
+    if problems:
+        raise EverystateError(
+            f"{len(problems)} runs failed; the same command tries them again."
+            f" The first: {problems[0]}"
+        )
 
 
 def _success_by(run: Path, steps: int) -> dict[str, float]:
     """Success@0.5 by region at the last look before so many steps; empty without any."""
     found: dict[str, float] = {}
     for line in read_metrics(run):
-        looked = {n.rpartition("/")[2]: x for n, x in line.items() if n.startswith("eval/success@")}
-        if looked and line["steps"] <= steps:
-            found = looked
+        if line["steps"] <= steps:
+            found = reading.looked(line) or found
     return found
 
 
@@ -138,20 +168,3 @@ def _claim(folder: Path, terms: Terms) -> None:
         raise EverystateError(f"{folder} is not empty and no comparison: choose another --out")
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(path, json.dumps(wanted, indent=1) + "\n")
-
-
-def _run(folder: Path, name: str, seed: int, core: int) -> str | None:
-    """One run as a process of its own on one core; what went wrong, if anything."""
-    if (folder / name / f"seed{seed}" / "evaluation.json").exists():
-        return None
-    command = [sys.executable, "-m", "everystate.peers", str(folder), name, str(seed)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    os.sched_setaffinity(process.pid, {core})
-    _, said = process.communicate()
-    if process.returncode == 130:
-        raise KeyboardInterrupt
-    if process.returncode:
-        why = said.strip().splitlines() or [f"exit code {process.returncode}"]
-        return f"{name} seed {seed}: {why[-1]}"
-    print(f"{name} seed {seed}: in {folder / name / f'seed{seed}'}", flush=True)
-    return None

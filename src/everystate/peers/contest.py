@@ -1,10 +1,12 @@
 """One agent of a comparison: trained for a time, measured, and its results written.
 
 Its folder gets `evaluation.json`, which says that it is done, and `metrics.jsonl`, how it came
-about; our agent's run is in `run/`.
+about; `acting/` has what it needs to act again, and our agent's run is in `run/`.
 """
 
 import json
+import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,18 +17,23 @@ import numpy as np
 
 from everystate import evaluation
 from everystate.agent import load
+from everystate.agent.files import read_json
 from everystate.errors import EverystateError
 from everystate.evaluation.agents import Agent
-from everystate.peers.agents import PeerConfig, RandomActions
+from everystate.peers import acting, reading
+from everystate.peers.agents import PeerConfig
 from everystate.peers.contestants import CONTESTANTS
+from everystate.peers.settings import PeerSettings
 from everystate.skills import SKILLS
 from everystate.training import coverage
 from everystate.training.logging import read_metrics
 from everystate.training.rundir import write_atomically
 
+MEASURED, RESCORED = "evaluation.json", "rescored.json"
+
 _LOOKS, _LEAST = 20, 15.0
 """Evaluations during the training of a peer, and the seconds that at least lie between them."""
-_KEPT = ("epoch", "steps", "time/elapsed_s", "coverage/", "eval/")
+_LOGGED = ("epoch", "steps", "time/elapsed_s", "coverage/", "eval/")
 
 
 class Terms(NamedTuple):
@@ -42,45 +49,71 @@ class Terms(NamedTuple):
 
 
 def play(name: str, seed: int, terms: Terms, folder: Path) -> None:
-    """Trains and measures one agent, unless its results are there already."""
-    if (folder / "evaluation.json").exists():
+    """Trains and measures one agent, unless its results are there already.
+
+    What is measured is what is kept of it, so that `replay` measures the same agent.
+    """
+    if (folder / MEASURED).exists():
         return
     folder.mkdir(parents=True, exist_ok=True)
-    options = CONTESTANTS[name].options
-    if options is not None:
-        agent, lines = _ours(seed, terms, options, folder / "run")
-    elif name == "random":
-        agent, lines = RandomActions(PeerConfig(terms.body, (), seed, name, {})), []
+    kept = folder / "acting"
+    shutil.rmtree(kept, ignore_errors=True)  # of a run that was stopped while it was measured
+    contestant = CONTESTANTS[name]
+    if contestant.options is not None:
+        agent, lines = _ours(seed, terms, contestant.options, folder / "run", kept)
+    elif contestant.settings is not None:
+        agent, lines = _peer(name, seed, terms, contestant.settings, kept)
     else:
-        agent, lines = _peer(name, seed, terms)
+        agent, lines = acting.load(kept, PeerConfig(terms.body, (), seed, name, {})), []
+    cells = [line["coverage/cells"] for line in lines if "coverage/cells" in line]
+    result = _measure(agent, name, terms) | {
+        "steps": lines[-1]["steps"] if lines else 0,
+        "coverage": {"cells": cells[-1]} if cells else None,
+        "acting": acting.checksums(kept),
+    }
+    logged = [{n: x for n, x in line.items() if n.startswith(_LOGGED)} for line in lines]
+    text = "".join(json.dumps(line) + "\n" for line in logged)
+    write_atomically(folder / "metrics.jsonl", text)
+    write_atomically(folder / MEASURED, json.dumps(result, indent=1) + "\n")
+
+
+def replay(name: str, seed: int, terms: Terms, folder: Path) -> None:
+    """Measures again what is kept of an agent, without training.
+
+    Raises:
+        EverystateError: nothing is kept of it, or not what was measured.
+    """
+    kept, before = folder / "acting", read_json(folder / MEASURED)
+    agent = acting.load(kept, PeerConfig(terms.body, (), seed, name, {}))
+    found = acting.checksums(kept)
+    if found != before["acting"]:
+        raise EverystateError(f"{kept} is not what {folder / MEASURED} measured: train it again")
+    same = {name: before[name] for name in ("steps", "coverage", "acting")}
+    result = _measure(agent, name, terms) | same
+    write_atomically(folder / RESCORED, json.dumps(result, indent=1) + "\n")
+
+
+def _measure(agent: Agent, name: str, terms: Terms) -> dict[str, Any]:
     result = evaluation.evaluate(
         agent,
-        plan=terms.plan and options is not None,
+        plan=terms.plan and CONTESTANTS[name].options is not None,
         episodes=terms.episodes,
         skills=terms.body in SKILLS,
     )
-    cells = [line["coverage/cells"] for line in lines if "coverage/cells" in line]
-    result |= {
-        "agent": name,
-        "minutes": terms.minutes,
-        "steps": lines[-1]["steps"] if lines else 0,
-        "coverage": {"cells": cells[-1]} if cells else None,
-    }
-    kept = [{n: x for n, x in line.items() if n.startswith(_KEPT)} for line in lines]
-    text = "".join(json.dumps(line) + "\n" for line in kept)
-    write_atomically(folder / "metrics.jsonl", text)
-    write_atomically(folder / "evaluation.json", json.dumps(result, indent=1) + "\n")
+    cores = sorted(os.sched_getaffinity(0))
+    return result | {"agent": name, "minutes": terms.minutes, "cores": cores}
 
 
 def _ours(
-    seed: int, terms: Terms, options: tuple[str, ...], run: Path
+    seed: int, terms: Terms, options: tuple[str, ...], run: Path, kept: Path
 ) -> tuple[Agent, list[dict[str, Any]]]:
     """Our agent by its own command, stopped as Ctrl-C does when its time is over."""
     before = read_metrics(run)
     left = 60 * terms.minutes - (before[-1]["time/elapsed_s"] if before else 0)
     if left > 0:
         _train(seed, terms, options, run, left)
-    return load(run), read_metrics(run)
+    load(run).export(kept, half=True)
+    return load(kept), read_metrics(run)
 
 
 def _train(seed: int, terms: Terms, options: tuple[str, ...], run: Path, seconds: float) -> None:
@@ -104,12 +137,13 @@ def _train(seed: int, terms: Terms, options: tuple[str, ...], run: Path, seconds
         raise EverystateError(f"everystate {' '.join(words)} ended with: {said.strip()}")
 
 
-def _peer(name: str, seed: int, terms: Terms) -> tuple[Agent, list[dict[str, Any]]]:
-    from everystate.peers.hindsight import SETTINGS, HindsightAgent
+def _peer(
+    name: str, seed: int, terms: Terms, settings: PeerSettings, kept: Path
+) -> tuple[Agent, list[dict[str, Any]]]:
+    from everystate.peers.hindsight import HindsightAgent
 
-    agent = HindsightAgent(PeerConfig(terms.body, (), seed, name, SETTINGS))
-    body = agent.env.body
-    box = body.single_observation_space
+    agent = HindsightAgent(terms.body, seed, name, settings)
+    box = agent.env.body.single_observation_space
     cells = coverage.no_cells(box.low, box.high)
     lines: list[dict[str, Any]] = []
 
@@ -118,12 +152,11 @@ def _peer(name: str, seed: int, terms: Terms) -> tuple[Agent, list[dict[str, Any
         cells = coverage.visit(cells, states, box.low, box.high)
 
     def look(steps: int, seconds: float) -> None:
-        success = evaluation.evaluate(agent, plan=False)["success"]
-        found = {f"eval/success@0.5/{n}": region["0.5"]["last"] for n, region in success.items()}
+        found = reading.look(evaluation.evaluate(agent, plan=False))
         line = {"epoch": len(lines) + 1, "steps": steps, "time/elapsed_s": seconds} | found
         lines.append(line | ({"coverage/cells": float(cells.mean())} if cells.size else {}))
 
     agent.env.watch(visit)
     seconds = 60 * terms.minutes
     agent.learn(seconds, look, period=max(seconds / _LOOKS, _LEAST))
-    return agent, lines
+    return agent.keep(kept), lines
