@@ -1,17 +1,19 @@
 """Comparisons: the files they leave, how they go on, and what they refuse."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from everystate import evaluation
 from everystate.cli import main
 from everystate.errors import EverystateError
 from everystate.evaluation import perturbations
-from everystate.peers import CONTESTANTS, Terms, compare, contestants
-from everystate.peers.agents import PeerConfig, RandomActions
+from everystate.peers import CONTESTANTS, Terms, blocks, compare, contest, contestants
+from everystate.peers.agents import DoNothing, PeerConfig, RandomActions
 from everystate.peers.comparison import gather
 from everystate.peers.tables import table
 from everystate.presets import preset
@@ -65,28 +67,47 @@ def test_the_table_has_a_row_for_planning(gathered: dict[str, Any]) -> None:
     rows = {cells[1].strip(): cells[2:-1] for line in lines if (cells := line.split("|"))}
     assert {len(line.split("|")) for line in lines} == {len(lines[0].split("|"))}
     assert list(rows)[2:] == ["ours", "sac-her", "ours, planning"]
-    assert rows["ours"][0].strip() == "95"  # the median of 90 and 100
-    assert rows["ours"][1].strip() == "95 [90, 100]"
-    assert rows["sac-her"][5].strip() == "50"
+    assert [cell.strip() for cell in rows["ours"][:3]] == ["2", "95", "95 [90, 100]"]  # the median
+    assert [cell.strip() for cell in rows["sac-her"][:2]] == ["1", "50"]
+    assert rows["sac-her"][6].strip() == "50"
+    assert {cell.strip() for cell in rows["ours, planning"][5:]} == {"—"}
 
 
 def test_skills_have_a_table_of_their_own(gathered: dict[str, Any]) -> None:
-    skills = table(gathered).split("\n\n")[1].splitlines()
-    assert skills == [
+    skills = [part.splitlines() for part in table(gathered).split("\n\n")]
+    assert skills[2] == [
         "| skills | climb |",
         "| --- | --- |",
         "| ours | 95 |",
         "| sac-her | 50 |",
+        "| ours, planning | — |",
     ]
     for agent in gathered["agents"].values():
         del agent["skills"]
     assert "skills" not in table(gathered)
 
 
-def test_random_actions_are_compared_and_not_done_twice(tmp_path: Path) -> None:
+def test_no_row_is_left_out(gathered: dict[str, Any]) -> None:
+    del gathered["agents"]["sac-her"]["skills"]
+    found = gather(TERMS._asdict(), {"tqc-her": []})
+    gathered["agents"] |= found["agents"]
+    text = table(gathered)
+    assert text.count("| tqc-her | 0 | — | — |") == 1
+    assert "No run of tqc-her was finished." in text
+    assert "| sac-her | — |" in text
+    assert "| tqc-her | — |" in text
+    assert "its skills were not measured" in text
+    assert "No run of tqc-her" in table(found)
+
+
+def test_random_and_nothing_are_compared_and_not_done_twice(tmp_path: Path) -> None:
     out = tmp_path / "out"
     found = compare(TERMS, ["random"], 1, out)
-    assert found["agents"]["random"]["success"]["all"]["0.5"]["last"]["median"] < 0.5
+    assert list(found["agents"]) == ["nothing", "random"]
+    success = found["agents"]["random"]["success"]["all"]["0.5"]["last"]
+    assert success["median"] < 0.5
+    assert len({tuple(a["falls_per_1000_steps"]["values"]) for a in found["agents"].values()}) == 2
+    assert set(found["agents"]["nothing"]["skills"]) == set(found["agents"]["random"]["skills"])
     kept = out / "random/seed0/evaluation.json"
     assert json.loads(kept.read_text())["config"]["agent"] == "random"
     assert json.loads(kept.read_text())["calibration"]["mae"] is None
@@ -95,6 +116,46 @@ def test_random_actions_are_compared_and_not_done_twice(tmp_path: Path) -> None:
     assert kept.stat().st_mtime_ns == written
     with pytest.raises(EverystateError, match=r"minutes 1\.0 there, 2\.0 here"):
         compare(TERMS._replace(minutes=2.0), ["random"], 1, out)
+    block = json.loads((out / "blocks/seed0.json").read_text())
+    assert [run["agent"] for run in block["runs"]] == ["nothing", "random"]
+    assert [run["core"] for run in block["runs"]] == json.loads(kept.read_text())["cores"] * 2
+    contest.replay("random", 0, TERMS, kept.parent)
+    again = json.loads((kept.parent / "rescored.json").read_text())
+    assert again["success"] == json.loads(kept.read_text())["success"]
+    assert kept.stat().st_mtime_ns == written
+    elsewhere = block | {"machine": {"cpu": "another"}}
+    (out / "blocks/seed0.json").write_text(json.dumps(elsewhere))
+    compare(TERMS, ["random"], 1, out)  # it has nothing left to do there
+    kept.unlink()
+    with pytest.raises(EverystateError, match="seed 0 was begun on another machine"):
+        compare(TERMS, ["random"], 1, out)
+
+
+def test_a_block_is_a_seed_on_one_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    agents, seen = ["ours", "sac-her", "random"], []
+
+    def run(folder: Path, name: str, seed: int, core: int, what: str) -> str | None:
+        seen.append((seed, name, core))
+        return f"{name} {seed}" if (name, seed) == ("sac-her", 1) else None
+
+    monkeypatch.setattr(blocks, "_run", run)
+    assert blocks.run(tmp_path, agents, range(3), "play") == ["sac-her 1"]  # and others went on
+    for seed in range(3):
+        block = [(name, core) for s, name, core in seen if s == seed]
+        assert [name for name, _ in block] == agents
+        assert len({core for _, core in block} & os.sched_getaffinity(0)) == 1
+        machine = json.loads((tmp_path / f"blocks/seed{seed}.json").read_text())["machine"]
+        assert machine["cores"] == os.cpu_count()
+
+
+def test_doing_nothing_and_random_actions() -> None:
+    states = np.zeros((3, 3), np.float32)
+    at = [PeerConfig("ramp-pointmass", (), seed, "random", {}) for seed in (0, 1)]
+    assert not DoNothing(at[0]).act(states, states).any()
+    first, second = (RandomActions(config).act(states, states, seed=5) for config in at)
+    assert first.shape == (3, 2)
+    assert (first != second).any()  # every seed has actions of its own
+    np.testing.assert_array_equal(RandomActions(at[0]).act(states, states, seed=5), first)
 
 
 def test_what_cannot_be_compared_is_told_before_any_run(
@@ -109,6 +170,7 @@ def test_what_cannot_be_compared_is_told_before_any_run(
         ("ramp-pointmass --agents random --minutes nan", "more than 0"),
         ("ramp-pointmass --agents random --episodes 201", "choose 1 to 200"),
         ("ramp-pointmass --agents random --preset quik", "did you mean 'quick'"),
+        ("ramp-pointmass --rescore", "holds no comparison"),
     ):
         assert main(["compare", *arguments.split(), "--out", str(out)]) == 2
         assert said in capsys.readouterr().err

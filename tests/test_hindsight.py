@@ -7,8 +7,8 @@ import pytest
 
 from everystate import envs, evaluation
 from everystate.evaluation import suites
-from everystate.peers import Terms, compare
-from everystate.peers.agents import PeerConfig
+from everystate.peers import Terms, compare, rescore
+from everystate.peers.settings import SETTINGS
 
 pytestmark = pytest.mark.peers
 
@@ -43,11 +43,58 @@ def test_an_episode_ends_in_a_reset_and_a_new_goal(goal_env) -> None:
         np.testing.assert_array_equal(final["desired_goal"], first["desired_goal"][i])
 
 
-@pytest.mark.parametrize("name", ["sac-her", "tqc-her"])
-def test_a_critic_tells_steps(name: str) -> None:
-    from everystate.peers.hindsight import SETTINGS, HindsightAgent
+def test_without_resets_a_body_goes_on_from_where_it_is() -> None:
+    from everystate.peers.goal_env import GoalVecEnv
 
-    agent = HindsightAgent(PeerConfig("ramp-pointmass", (), 0, name, SETTINGS))
+    body = envs.make("cartpole", 4, 0)
+    goal_env = GoalVecEnv(body, suites.load("cartpole"), seed=0, resets=False)
+    first = goal_env.reset()
+    for _ in range(goal_env.episode_steps):
+        observation, _, done, infos = goal_env.step(np.ones((4, 1)))
+    assert done.all()
+    for i, info in enumerate(infos):
+        assert info["TimeLimit.truncated"]
+        final = info["terminal_observation"]["observation"]
+        np.testing.assert_array_equal(observation["observation"][i], final)
+    assert (observation["desired_goal"] != first["desired_goal"]).any(axis=1).all()
+
+
+def test_a_dense_reward_grows_towards_the_goal() -> None:
+    from everystate.peers.goal_env import GoalVecEnv
+
+    suite = suites.load("cartpole")
+    goal_env = GoalVecEnv(envs.make("cartpole", 4, 0), suite, seed=0, reward="dense")
+    goal = suite.goals[[0] * 4]
+    apart = np.array([0, 0.5, 1, 2])
+    states = goal + apart[:, None] * suite.sigma
+    rewards = goal_env.compute_reward(goal_env.scaled(states), goal_env.scaled(goal), {})
+    np.testing.assert_allclose(rewards, np.exp(-(apart**2)) - 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["sac-her", "tqc-her", "sac-her-zoo", "tqc-her-zoo"])
+def test_a_peer_acts_as_what_is_kept_of_it(name: str, tmp_path: Path) -> None:
+    from everystate.peers.hindsight import HindsightAgent
+
+    agent = HindsightAgent("ramp-pointmass", 0, name, SETTINGS[name])
+    steps: list[int] = []
+    agent.learn(3.0, lambda n, _: steps.append(n), 1.0)
+    assert steps[-1] > 0
+    suite = suites.load("ramp-pointmass")
+    starts, goals = (x.astype(np.float32) for x in (suite.starts, suite.goals))
+    asked = agent.act(starts, goals)
+    np.testing.assert_allclose(agent.actor().act(starts, goals), asked, atol=1e-5)
+    kept = agent.keep(tmp_path / "acting")
+    assert 0 < np.abs(kept.act(starts, goals) - asked).max() < 0.01
+    np.testing.assert_array_equal(
+        kept.steps_to_goal(starts, goals), agent.steps_to_goal(starts, goals)
+    )
+
+
+@pytest.mark.parametrize("name", ["sac-her", "tqc-her", "tqc-her-zoo-push"])
+def test_a_critic_tells_steps(name: str) -> None:
+    from everystate.peers.hindsight import HindsightAgent
+
+    agent = HindsightAgent("ramp-pointmass", 0, name, SETTINGS[name])
     goals = suites.load("ramp-pointmass").goals[:5]
     steps = agent.steps_to_goal(goals, goals[::-1])
     assert steps.shape == (5,)
@@ -58,7 +105,12 @@ def test_a_critic_tells_steps(name: str) -> None:
 
 def test_a_peer_is_trained_and_compared(tmp_path: Path) -> None:
     terms = Terms("ramp-pointmass", minutes=0.3, preset="test", episodes=20, plan=False)
-    found = compare(terms, ["sac-her"], 1, tmp_path / "out")["agents"]["sac-her"]
+    agents = compare(terms, ["sac-her", "sac-her-no-reset"], 1, tmp_path / "out")["agents"]
+    assert list(agents) == ["sac-her", "sac-her-no-reset", "nothing", "random"]
+    found = agents["sac-her"]
     assert found["steps"]["median"] > 0
     assert found["coverage"]["cells"]["median"] > 0
     assert "all" in found["at_equal_steps"]
+    again = rescore("ramp-pointmass", tmp_path / "out")["agents"]
+    for name, agent in agents.items():
+        assert again[name]["success"] == agent["success"], name

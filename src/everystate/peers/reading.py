@@ -39,6 +39,6 @@ def look(result: Mapping[str, Any]) -> dict[str, float]:
     return {f"{_LOOK}{name}": rate(result, name) for name in [*regions(result), "all"]}
 
 
-def looked(line: Mapping[str, float]) -> dict[str, float]:
+def looked(line: Mapping[str, Any]) -> dict[str, float]:
     """By region, what such a line says; empty where it says nothing."""
     return {n.removeprefix(_LOOK): x for n, x in line.items() if n.startswith(_LOOK)}
