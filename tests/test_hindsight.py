@@ -1,6 +1,7 @@
 """The peers of Stable-Baselines3 on our bodies (make test-peers)."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +14,16 @@ from everystate.peers.settings import SETTINGS
 pytestmark = pytest.mark.peers
 
 
-@pytest.fixture(scope="module")
-def goal_env():
+def made(**how: Any) -> Any:
+    """Four cartpoles."""
     from everystate.peers.goal_env import GoalVecEnv
 
-    return GoalVecEnv(envs.make("cartpole", 4, 0), suites.load("cartpole"), seed=0)
+    return GoalVecEnv(envs.make("cartpole", 4, 0), suites.load("cartpole"), seed=0, **how)
+
+
+@pytest.fixture(scope="module")
+def goal_env() -> Any:
+    return made()
 
 
 def test_the_reward_is_what_an_evaluation_asks(goal_env) -> None:
@@ -44,13 +50,11 @@ def test_an_episode_ends_in_a_reset_and_a_new_goal(goal_env) -> None:
 
 
 def test_without_resets_a_body_goes_on_from_where_it_is() -> None:
-    from everystate.peers.goal_env import GoalVecEnv
-
-    body = envs.make("cartpole", 4, 0)
-    goal_env = GoalVecEnv(body, suites.load("cartpole"), seed=0, resets=False)
+    goal_env = made(resets=False)
     first = goal_env.reset()
-    for _ in range(goal_env.episode_steps):
-        observation, _, done, infos = goal_env.step(np.ones((4, 1)))
+    for _ in range(goal_env.episode_steps - 1):
+        goal_env.step(np.ones((4, 1)))
+    observation, _, done, infos = goal_env.step(np.ones((4, 1)))
     assert done.all()
     for i, info in enumerate(infos):
         assert info["TimeLimit.truncated"]
@@ -60,10 +64,7 @@ def test_without_resets_a_body_goes_on_from_where_it_is() -> None:
 
 
 def test_a_dense_reward_grows_towards_the_goal() -> None:
-    from everystate.peers.goal_env import GoalVecEnv
-
-    suite = suites.load("cartpole")
-    goal_env = GoalVecEnv(envs.make("cartpole", 4, 0), suite, seed=0, reward="dense")
+    suite, goal_env = suites.load("cartpole"), made(reward="dense")
     goal = suite.goals[[0] * 4]
     apart = np.array([0, 0.5, 1, 2])
     states = goal + apart[:, None] * suite.sigma
@@ -80,7 +81,7 @@ def test_a_peer_acts_as_what_is_kept_of_it(name: str, tmp_path: Path) -> None:
     agent.learn(3.0, lambda n, _: steps.append(n), 1.0)
     assert steps[-1] > 0
     suite = suites.load("ramp-pointmass")
-    starts, goals = (x.astype(np.float32) for x in (suite.starts, suite.goals))
+    starts, goals = (np.asarray(x, np.float32) for x in (suite.starts, suite.goals))
     asked = agent.act(starts, goals)
     np.testing.assert_allclose(agent.actor().act(starts, goals), asked, atol=1e-5)
     kept = agent.keep(tmp_path / "acting")
