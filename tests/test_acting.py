@@ -16,7 +16,8 @@ from everystate.peers.agents import PeerConfig
 from everystate.peers.settings import SETTINGS
 
 TERMS = Terms("ramp-pointmass", minutes=1.0, preset="test", episodes=20, plan=False)
-SUITE = suites.load("ramp-pointmass")
+GOALS = suites.load("ramp-pointmass").goals
+STARTS = GOALS[::-1]
 
 
 def made(*hidden: int) -> Actor:
@@ -39,17 +40,17 @@ def made(*hidden: int) -> Actor:
 def test_an_actor_acts_the_same_after_it_was_kept(tmp_path: Path) -> None:
     actor = made(256, 256, 256)  # as the mixture has it
     acting.write(actor, tmp_path / "acting")
-    kept = acting.load(tmp_path / "acting", actor.config)
+    kept = acting.read(tmp_path / "acting")
     assert kept.config == replace(actor.config, settings=kept.config.settings)
     assert kept.config.settings == json.loads(json.dumps(actor.config.settings))
-    before, after = (a.act(SUITE.starts, SUITE.goals) for a in (actor, kept))
-    assert before.shape == SUITE.goals[:, :2].shape
+    before, after = (a.act(STARTS, GOALS) for a in (actor, kept))
+    assert before.shape == GOALS[:, :2].shape
     assert np.abs(before).mean() > 0.1
     assert 0 < np.abs(before - after).max() < 0.02
     # Inputs go where the network has them, a single state is as good as a batch.
-    swapped = actor.act(SUITE.goals, SUITE.starts)
+    swapped = actor.act(GOALS, STARTS)
     assert np.abs(swapped - before).max() > 0.1
-    np.testing.assert_allclose(actor.act(SUITE.starts[3], SUITE.goals[3]), before[3], atol=1e-5)
+    np.testing.assert_allclose(actor.act(STARTS[3], GOALS[3]), before[3], atol=1e-5)
     assert (tmp_path / "acting/actor.safetensors").stat().st_size < 300_000
 
 
@@ -57,7 +58,7 @@ def test_our_agent_acts_the_same_with_matrices_of_float16(tmp_path: Path) -> Non
     agent = load("ramp-pointmass")
     whole = load(agent.export(tmp_path / "whole"))
     half = load(agent.export(tmp_path / "half", half=True))
-    before, same, after = (a.act(SUITE.starts, SUITE.goals) for a in (agent, whole, half))
+    before, same, after = (a.act(STARTS, GOALS) for a in (agent, whole, half))
     np.testing.assert_array_equal(before, same)
     assert 0 < np.abs(before - after).max() < 0.01
     files = [tmp_path / name / "agent.safetensors" for name in ("half", "whole")]
