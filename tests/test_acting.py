@@ -83,6 +83,21 @@ def test_what_was_kept_is_measured_again(tmp_path: Path) -> None:
         contest.replay("sac-her", 0, TERMS, tmp_path)
 
 
+def test_our_agent_is_measured_as_it_is_kept(tmp_path: Path) -> None:
+    """Of a run whose time is over: nothing is left to train."""
+    run = load("ramp-pointmass").export(tmp_path / "run")
+    line = {"epoch": 1, "steps": 500, "time/elapsed_s": 60.0}
+    (run / "metrics.jsonl").write_text(json.dumps(line) + "\n")
+    contest.play("ours", 0, TERMS, tmp_path)
+    contest.replay("ours", 0, TERMS, tmp_path)
+    names = "evaluation.json", "rescored.json"
+    first, again = (json.loads((tmp_path / name).read_text()) for name in names)
+    assert first["steps"] == 500
+    assert first["acting"].keys() == {"agent.json", "agent.safetensors"}
+    for name in ("success", "skills", "steps", "acting"):
+        assert again[name] == first[name]
+
+
 def test_what_is_missing_or_damaged_is_told(tmp_path: Path) -> None:
     actor = made(32)
     with pytest.raises(EverystateError, match="train it again"):
