@@ -69,14 +69,14 @@ def test_what_was_kept_is_measured_again(tmp_path: Path) -> None:
     """Of an agent that nothing here trained: no PyTorch is needed."""
     kept = tmp_path / "acting"
     acting.write(made(32), kept)
-    before = {"steps": 7, "coverage": None, "acting": acting.checksums(kept)}
+    before = {"steps": 7, "coverage": None, "acting": acting.checksums(kept), "metrics": "0" * 64}
     (tmp_path / "evaluation.json").write_text(json.dumps(before))
     contest.replay("sac-her", 0, TERMS, tmp_path)
     found = json.loads((tmp_path / "rescored.json").read_text())
     assert found["agent"] == found["config"]["agent"] == "sac-her"
     assert found["config"]["settings"]["source"] == SETTINGS["sac-her"].source
     assert found["steps"] == 7
-    assert found["calibration"]["mae"] is None  # its critic was not kept
+    assert found["suites"]["rest"]["policy"]["calibration"]["mae"] is None  # no critic was kept
     file = kept / "actor.safetensors"
     file.write_bytes(file.read_bytes()[:-1] + b"!")
     with pytest.raises(EverystateError, match="is not what"):
@@ -94,7 +94,7 @@ def test_our_agent_is_measured_as_it_is_kept(tmp_path: Path) -> None:
     first, again = (json.loads((tmp_path / name).read_text()) for name in names)
     assert first["steps"] == 500
     assert first["acting"].keys() == {"agent.json", "agent.safetensors"}
-    for name in ("success", "skills", "steps", "acting"):
+    for name in ("suites", "skills", "steps", "acting", "metrics"):
         assert again[name] == first[name]
 
 

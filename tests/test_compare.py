@@ -11,7 +11,7 @@ import pytest
 from everystate import evaluation
 from everystate.cli import main
 from everystate.errors import EverystateError
-from everystate.evaluation import perturbations
+from everystate.evaluation import perturbations, raw
 from everystate.peers import CONTESTANTS, Terms, blocks, compare, contest, contestants
 from everystate.peers.agents import DoNothing, PeerConfig, RandomActions
 from everystate.peers.comparison import gather
@@ -23,20 +23,25 @@ TERMS = Terms("ramp-pointmass", minutes=1.0, preset="test", episodes=20, plan=Fa
 
 def results(folder: Path, seed: int, success: float, steps: list[int]) -> Path:
     """A run that looked at its success twice, 0.1 before the end and then `success`."""
-    one = {eps: {"any": 1.0, "last": success} for eps in ("0.5", "1")}
+    one = {eps: {"hit": 1.0, "end": success} for eps in ("0.5", "1")}
+    policy = {
+        "score": {"floor": success, "all": success},
+        "success": {"max": {"floor": one, "all": one}, "rms": {"floor": one, "all": one}},
+        "position_only": {"all": one},
+        "closest": {"all": {"nearest": 0.25}},
+        "falls_per_1000_steps": {"all": 2.0},
+    }
+    planning = {"score": policy["score"]} if folder.parent.name == "ours" else None
     evaluated = {
         "body": "ramp-pointmass",
         "config": {"seed": seed},
-        "success": {"floor": one, "all": one},
-        "success_plan": {"floor": one, "all": one} if folder.parent.name == "ours" else None,
-        "position_only": {"all": one},
-        "skills": {"climb": success},
-        "falls_per_1000_steps": 2.0,
+        "suites": {"rest": {"policy": policy, "planning": planning}},
+        "skills": {"policy": {"climb": success}, "planning": None, "starts": 100},
         "coverage": {"cells": 0.5},
         "steps": steps[-1],
     }
     lines = [
-        {"epoch": i + 1, "steps": n, "eval/success@0.5/all": s}
+        {"epoch": i + 1, "steps": n, "eval/rest/score/all": s}
         for i, (n, s) in enumerate(zip(steps, (success - 0.1, success), strict=True))
     ]
     folder.mkdir(parents=True)
@@ -56,7 +61,8 @@ def gathered(tmp_path: Path) -> dict[str, Any]:
 def test_equal_steps_are_those_of_the_slowest(gathered: dict[str, Any]) -> None:
     assert gathered["equal_steps"] == 150
     at = {
-        name: agent["at_equal_steps"]["all"]["values"] for name, agent in gathered["agents"].items()
+        name: agent["at_equal_steps"]["rest/all"]["values"]
+        for name, agent in gathered["agents"].items()
     }
     assert at["sac-her"] == [0.5]
     assert at["ours"] == pytest.approx([0.8, 0.9])  # the look before, after 100 steps
@@ -64,18 +70,19 @@ def test_equal_steps_are_those_of_the_slowest(gathered: dict[str, Any]) -> None:
 
 def test_the_table_has_a_row_for_planning(gathered: dict[str, Any]) -> None:
     lines = table(gathered).split("\n\n")[0].splitlines()
+    assert lines[0].startswith("| rest | seeds | floor | all |")
     rows = {cells[1].strip(): cells[2:-1] for line in lines if (cells := line.split("|"))}
     assert {len(line.split("|")) for line in lines} == {len(lines[0].split("|"))}
     assert list(rows)[2:] == ["ours", "sac-her", "ours, planning"]
     assert [cell.strip() for cell in rows["ours"][:3]] == ["2", "95", "95 [90, 100]"]  # the median
     assert [cell.strip() for cell in rows["sac-her"][:2]] == ["1", "50"]
-    assert rows["sac-her"][6].strip() == "50"
-    assert {cell.strip() for cell in rows["ours, planning"][5:]} == {"—"}
+    assert [cell.strip() for cell in rows["sac-her"][-2:]] == ["0.25", "50"]
+    assert {cell.strip() for cell in rows["ours, planning"][3:]} == {"—"}
 
 
 def test_skills_have_a_table_of_their_own(gathered: dict[str, Any]) -> None:
     skills = [part.splitlines() for part in table(gathered).split("\n\n")]
-    assert skills[2] == [
+    assert skills[1] == [
         "| skills | climb |",
         "| --- | --- |",
         "| ours | 95 |",
@@ -84,7 +91,7 @@ def test_skills_have_a_table_of_their_own(gathered: dict[str, Any]) -> None:
     ]
     for agent in gathered["agents"].values():
         del agent["skills"]
-    assert "skills" not in table(gathered)
+    assert "| skills |" not in table(gathered)
 
 
 def test_no_row_is_left_out(gathered: dict[str, Any]) -> None:
@@ -93,10 +100,10 @@ def test_no_row_is_left_out(gathered: dict[str, Any]) -> None:
     gathered["agents"] |= found["agents"]
     text = table(gathered)
     assert text.count("| tqc-her | 0 | — | — |") == 1
+    assert "| tqc-her | — | — | — |" in text  # of the runs
     assert "No run of tqc-her was finished." in text
     assert "| sac-her | — |" in text
     assert "| tqc-her | — |" in text
-    assert "its skills were not measured" in text
     assert "No run of tqc-her" in table(found)
 
 
@@ -104,13 +111,16 @@ def test_random_and_nothing_are_compared_and_not_done_twice(tmp_path: Path) -> N
     out = tmp_path / "out"
     found = compare(TERMS, ["random"], 1, out)
     assert list(found["agents"]) == ["nothing", "random"]
-    success = found["agents"]["random"]["success"]["all"]["0.5"]["last"]
-    assert success["median"] < 0.5
-    assert len({tuple(a["falls_per_1000_steps"]["values"]) for a in found["agents"].values()}) == 2
-    assert set(found["agents"]["nothing"]["skills"]) == set(found["agents"]["random"]["skills"])
+    policies = {name: a["suites"]["rest"]["policy"] for name, a in found["agents"].items()}
+    assert policies["random"]["score"]["all"]["median"] < 0.5
+    falls = {tuple(p["falls_per_1000_steps"]["all"]["values"]) for p in policies.values()}
+    assert len(falls) == 2
+    skills = [set(agent["skills"]["policy"]) for agent in found["agents"].values()]
+    assert skills[0] == skills[1]
     kept = out / "random/seed0/evaluation.json"
     assert json.loads(kept.read_text())["config"]["agent"] == "random"
-    assert json.loads(kept.read_text())["calibration"]["mae"] is None
+    rest = raw.check(kept)["suites"]["rest"]["policy"]
+    assert rest["calibration"]["mae"] is None
     written = kept.stat().st_mtime_ns
     compare(TERMS, ["random"], 1, out)
     assert kept.stat().st_mtime_ns == written
@@ -121,7 +131,7 @@ def test_random_and_nothing_are_compared_and_not_done_twice(tmp_path: Path) -> N
     assert [run["core"] for run in block["runs"]] == json.loads(kept.read_text())["cores"] * 2
     contest.replay("random", 0, TERMS, kept.parent)
     again = json.loads((kept.parent / "rescored.json").read_text())
-    assert again["success"] == json.loads(kept.read_text())["success"]
+    assert again["suites"] == json.loads(kept.read_text())["suites"]
     assert kept.stat().st_mtime_ns == written
     elsewhere = block | {"machine": {"cpu": "another"}}
     (out / "blocks/seed0.json").write_text(json.dumps(elsewhere))
@@ -203,12 +213,12 @@ def test_our_agent_is_stopped_when_its_time_is_over(tmp_path: Path) -> None:
     found = compare(terms, ["ours"], 1, tmp_path / "out")
     ours = found["agents"]["ours"]
     assert ours["steps"]["median"] == found["equal_steps"] > 0
-    assert ours["at_equal_steps"]["all"]["median"] >= 0
+    assert ours["at_equal_steps"]["rest/all"]["median"] >= 0
     assert (tmp_path / "out/comparison-minutes.png").exists()
     # Stopped between training and measuring: its time is over, so it is measured as it is.
     (tmp_path / "out/ours/seed0/evaluation.json").unlink()
     again = compare(terms, ["ours"], 1, tmp_path / "out")
-    assert again["agents"]["ours"]["success"] == ours["success"]
+    assert again["agents"]["ours"]["suites"] == ours["suites"]
     assert again["equal_steps"] == found["equal_steps"]
 
 
@@ -228,6 +238,6 @@ def test_what_is_said_of_other_worlds() -> None:
 def test_an_agent_is_measured_in_every_world() -> None:
     agent = RandomActions(PeerConfig("ramp-pointmass", (), 0, "random", {}))
     found = evaluation.evaluate(agent, plan=False, episodes=4, perturb=True)
-    assert found["perturbed"]["policy"]["nominal"] == found["success"]["all"]["0.5"]["last"]
+    assert found["perturbed"]["policy"]["nominal"] == found["score"]
     assert found["perturbed"]["planning"] is None
     assert evaluation.evaluate(agent, plan=False, episodes=4)["perturbed"] is None

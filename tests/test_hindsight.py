@@ -114,4 +114,4 @@ def test_a_peer_is_trained_and_compared(tmp_path: Path) -> None:
     assert "all" in found["at_equal_steps"]
     again = rescore("ramp-pointmass", tmp_path / "out")["agents"]
     for name, agent in agents.items():
-        assert again[name]["success"] == agent["success"], name
+        assert again[name]["suites"] == agent["suites"], name

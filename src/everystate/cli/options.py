@@ -87,8 +87,8 @@ class Compare:
     """Preset of our agents."""
     episodes: int | None = None
     """Only so many goals of the suite."""
-    plan: bool = True
-    """Measure our agents with planning at act time too."""
+    plan: bool = False
+    """Measure our agents with planning at act time too, which takes its time."""
     rescore: bool = False
     """Train nothing; measure again all agents of the comparison in --out, from what was kept of
     them."""

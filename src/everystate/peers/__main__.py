@@ -10,7 +10,8 @@ from everystate.peers.contest import Terms, play, replay
 
 def main(folder: str, name: str, seed: str, what: str) -> int:
     """Returns the exit code."""
-    terms = json.loads((Path(folder) / "terms.json").read_text())
+    written = json.loads((Path(folder) / "terms.json").read_text())
+    terms = {name: written[name] for name in Terms._fields}
     terms["options"] = tuple(terms["options"])
     try:
         do = {"play": play, "replay": replay}[what]

@@ -4,7 +4,6 @@ What differs between machines, or cores, or hours of the day, then differs betwe
 between agents. Blocks run beside one another, as many as there are cores.
 """
 
-import json
 import os
 import subprocess
 import sys
@@ -16,9 +15,9 @@ from typing import Any, Literal
 
 from everystate.agent.files import read_json
 from everystate.errors import EverystateError
+from everystate.evaluation import raw
 from everystate.evaluation.provenance import provenance
 from everystate.peers.contest import MEASURED
-from everystate.training.rundir import write_atomically
 
 What = Literal["play", "replay"]
 
@@ -98,4 +97,4 @@ def _path(folder: Path, seed: int) -> Path:
 
 
 def _write(path: Path, block: dict[str, Any]) -> None:
-    write_atomically(path, json.dumps(block, indent=1) + "\n")
+    raw.write(path, block, replace=True)

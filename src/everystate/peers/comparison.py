@@ -7,7 +7,7 @@ from typing import Any
 
 from everystate.agent.files import read_json
 from everystate.errors import EverystateError
-from everystate.evaluation import suites
+from everystate.evaluation import raw, suites
 from everystate.evaluation.aggregate import over_seeds, summary
 from everystate.peers import blocks, contestants, reading
 from everystate.peers.contest import MEASURED, RESCORED, Terms
@@ -89,7 +89,7 @@ def write(folder: Path, agents: Sequence[str], measured: str = MEASURED) -> dict
     groups = {name: [r for r in runs if (r / measured).exists()] for name, runs in groups.items()}
     result = gather(read_json(folder / "terms.json"), groups, measured)
     end = "" if measured == MEASURED else "-rescored"
-    write_atomically(folder / f"comparison{end}.json", json.dumps(result, indent=1) + "\n")
+    raw.write(folder / f"comparison{end}.json", result, replace=True)
     write_atomically(folder / f"comparison{end}.md", table(result))
     grown = {n: [r for r in found if read_metrics(r)] for n, found in groups.items()}
     grown = {n: found for n, found in grown.items() if found}
@@ -167,4 +167,4 @@ def _claim(folder: Path, terms: Terms) -> None:
     if folder.exists() and any(folder.iterdir()):
         raise EverystateError(f"{folder} is not empty and no comparison: choose another --out")
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, json.dumps(wanted, indent=1) + "\n")
+    raw.write(path, wanted)

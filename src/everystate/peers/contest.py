@@ -4,6 +4,7 @@ Its folder gets `evaluation.json`, which says that it is done, and `metrics.json
 about; `acting/` has what it needs to act again, and our agent's run is in `run/`.
 """
 
+import hashlib
 import json
 import os
 import shutil
@@ -19,8 +20,9 @@ from everystate import evaluation
 from everystate.agent import load
 from everystate.agent.files import read_json
 from everystate.errors import EverystateError
+from everystate.evaluation import raw
 from everystate.evaluation.agents import Agent
-from everystate.peers import acting, reading
+from everystate.peers import acting
 from everystate.peers.agents import PeerConfig
 from everystate.peers.contestants import CONTESTANTS
 from everystate.peers.settings import PeerSettings
@@ -74,7 +76,8 @@ def play(name: str, seed: int, terms: Terms, folder: Path) -> None:
     logged = [{n: x for n, x in line.items() if n.startswith(_LOGGED)} for line in lines]
     text = "".join(json.dumps(line) + "\n" for line in logged)
     write_atomically(folder / "metrics.jsonl", text)
-    write_atomically(folder / MEASURED, json.dumps(result, indent=1) + "\n")
+    result["metrics"] = hashlib.sha256(text.encode()).hexdigest()
+    raw.write(folder / MEASURED, result)
 
 
 def replay(name: str, seed: int, terms: Terms, folder: Path) -> None:
@@ -88,9 +91,8 @@ def replay(name: str, seed: int, terms: Terms, folder: Path) -> None:
     found = acting.checksums(kept)
     if found != before["acting"]:
         raise EverystateError(f"{kept} is not what {folder / MEASURED} measured: train it again")
-    same = {name: before[name] for name in ("steps", "coverage", "acting")}
-    result = _measure(agent, name, terms) | same
-    write_atomically(folder / RESCORED, json.dumps(result, indent=1) + "\n")
+    same = {name: before[name] for name in ("steps", "coverage", "acting", "metrics")}
+    raw.write(folder / RESCORED, _measure(agent, name, terms) | same, replace=True)
 
 
 def _measure(agent: Agent, name: str, terms: Terms) -> dict[str, Any]:
@@ -152,7 +154,7 @@ def _peer(
         cells = coverage.visit(cells, states, box.low, box.high)
 
     def look(steps: int, seconds: float) -> None:
-        found = reading.look(evaluation.evaluate(agent, plan=False))
+        found = evaluation.logged(agent)
         line = {"epoch": len(lines) + 1, "steps": steps, "time/elapsed_s": seconds} | found
         lines.append(line | ({"coverage/cells": float(cells.mean())} if cells.size else {}))
 

@@ -1,44 +1,36 @@
 """How the results of an evaluation are read: nothing else here knows how they are laid out."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-_LOOK = "eval/success@0.5/"  # of the metrics of a run, and then the region
+
+def suites(results: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of the suites that some of them were measured on."""
+    return list(dict.fromkeys(name for one in results for name in one.get("suites", {})))
 
 
-def regions(result: Mapping[str, Any]) -> list[str]:
-    """Names of the parts of the world that goals lie in."""
-    return [name for name in result["success"] if name != "all"]
+def groups(results: Sequence[Mapping[str, Any]], suite: str) -> list[str]:
+    """Of the tasks of a suite, but for `all`."""
+    scores = (of(one, suite, "score") or {} for one in results)
+    return [g for g in dict.fromkeys(g for score in scores for g in score) if g != "all"]
 
 
-def rate(
-    result: Mapping[str, Any],
-    region: str = "all",
-    *,
-    eps: str = "0.5",
-    last: bool = True,
-    which: str = "success",
-) -> Any:
-    """The share of goals reached, or its `summary` over seeds; None where it was not measured.
-
-    Args:
-        result: of one evaluation, or of several over seeds.
-        region: of the goals.
-        eps: within so many sigma.
-        last: at the last step; otherwise at any.
-        which: `success`, `success_plan` or `position_only`.
-    """
-    found: Any = result.get(which)
-    for name in (region, eps, "last" if last else "any"):
+def of(result: Mapping[str, Any], suite: str, *names: str, by: str = "policy") -> Any:
+    """What was measured on a suite, or its `summary` over seeds; None where it was not."""
+    found: Any = result
+    for name in ("suites", suite, by, *names):
         found = found.get(name) if isinstance(found, Mapping) else None
     return found
 
 
-def look(result: Mapping[str, Any]) -> dict[str, float]:
-    """What a line of metrics says of an evaluation while training."""
-    return {f"{_LOOK}{name}": rate(result, name) for name in [*regions(result), "all"]}
+def planned(result: Mapping[str, Any]) -> bool:
+    """Whether planning was measured too."""
+    return any(of(result, suite, "score", by="planning") for suite in suites([result]))
 
 
 def looked(line: Mapping[str, Any]) -> dict[str, float]:
-    """By region, what such a line says; empty where it says nothing."""
-    return {n.removeprefix(_LOOK): x for n, x in line.items() if n.startswith(_LOOK)}
+    """By SUITE/GROUP, the scores that a line of metrics has; empty where it has none."""
+    scored = (n.split("/") for n in line if n.startswith("eval/") and "/score/" in n)
+    return {
+        f"{suite}/{group}": line[f"eval/{suite}/score/{group}"] for _, suite, _, group in scored
+    }

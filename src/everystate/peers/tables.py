@@ -1,6 +1,6 @@
 """The main numbers of a comparison as tables of Markdown."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from everystate.evaluation.markdown import markdown, percent, percent_interval
@@ -9,91 +9,99 @@ from everystate.peers import reading
 NONE = "—"
 _CAPTION = (
     f"{NONE}: not measured. Who does not learn takes no steps and visits no cells; cells are told"
-    " for bodies of up to three dimensions; falls, cells and steps are those of the policy, not of"
-    " planning.\n"
+    " for bodies of up to three dimensions; skills where a body has any; what is told after equal"
+    " steps is of the policy and of the other split of the goals, which is looked at in training.\n"
 )
 
 
 def table(result: Mapping[str, Any]) -> str:
-    """A row per agent, and one more for ours with planning: the median over seeds, in per cent.
+    """A table for each suite, one of the skills, one of the runs: medians over seeds, in per cent.
 
-    Goals count within 0.5 σ at the last step where nothing else is said. Beside the success over
-    all goals stands the 90 % interval of its interquartile mean. Skills have a table of their own.
-    No agent is left out: what was not measured is a dash, and below the table stands why.
+    A row per agent, and one more for ours with planning. Beside the score over all goals of a suite
+    stands the 90 % interval of its interquartile mean. No agent is left out: what was not measured
+    is a dash, and below the tables stands why.
     """
     agents = result["agents"]
-    regions = list(
-        dict.fromkeys(r for one in agents.values() if one["seeds"] for r in reading.regions(one))
-    )
-    steps = f"{result['equal_steps']:,}"
-    heads = [
-        "agent",
-        "seeds",
-        *regions,
-        "all goals",
-        "all, within 1 σ",
-        "all, at any step",
-        "all, position only",
-        f"all, after {steps} steps",
-        "cells visited",
-        "falls per 1,000 steps",
-        "steps",
-    ]
-    rows = [_row(name, agent, regions) for name, agent in agents.items()]
-    rows += [
-        _row(f"{name}, planning", agent, regions, planning=True)
-        for name, agent in agents.items()
-        if agent.get("success_plan")
-    ]
-    text = markdown(heads, rows)
-    if any(NONE in row for row in rows):
-        text += "\n" + _CAPTION
+    rows = {(name, "policy"): one for name, one in agents.items()}
+    rows |= {(name, "planning"): one for name, one in agents.items() if reading.planned(one)}
+    parts = [_suite(result, rows, suite) for suite in reading.suites(list(agents.values()))]
+    parts += [_skills(rows), _runs(agents)]
+    text = "\n".join(part for part in parts if part) + "\n" + _CAPTION
     missing = [name for name, agent in agents.items() if not agent["seeds"]]
     if missing:
         text += f"\nNo run of {', '.join(missing)} was finished.\n"
-    return text + _skills(agents)
-
-
-def _skills(agents: Mapping[str, Any]) -> str:
-    """Starts from which each skill succeeded; nothing where the body has none."""
-    rows = {name: agent.get("skills") for name, agent in agents.items()}
-    rows |= {
-        f"{name}, planning": agent.get("skills_plan")
-        for name, agent in agents.items()
-        if agent.get("success_plan")
-    }
-    names = list(dict.fromkeys(n for skills in rows.values() if skills for n in skills))
-    if not names:
-        return ""
-    cells = [
-        [name, *(_cell(percent, (skills or {}).get(n)) for n in names)]
-        for name, skills in rows.items()
-    ]
-    text = "\n" + markdown(["skills", *names], cells)
-    if any(NONE in row for row in cells):
-        text += f"\n{NONE}: its skills were not measured.\n"
     return text
 
 
-def _row(
-    name: str, agent: Mapping[str, Any], regions: Sequence[str], *, planning: bool = False
-) -> list[str]:
-    which = "success_plan" if planning else "success"
-    policy = {} if planning else agent
-    steps = policy.get("steps")
-    return [
-        name,
-        f"{len(agent['seeds'])}",
-        *(_cell(percent, reading.rate(agent, region, which=which)) for region in regions),
-        _cell(percent_interval, reading.rate(agent, which=which)),
-        _cell(percent, reading.rate(agent, eps="1", which=which)),
-        _cell(percent, reading.rate(agent, last=False, which=which)),
-        _cell(percent, reading.rate(policy, which="position_only")),
-        _cell(percent, policy.get("at_equal_steps", {}).get("all")),
-        _cell(percent, (policy.get("coverage") or {}).get("cells")),
-        _cell(lambda x: f"{x['median']:.1f}", policy.get("falls_per_1000_steps")),
-        _cell(lambda x: f"{x['median']:,.0f}", steps if steps and steps["median"] else None),
+_Rows = Mapping[tuple[str, str], Mapping[str, Any]]
+
+
+def _suite(result: Mapping[str, Any], rows: _Rows, suite: str) -> str:
+    """Scores by group, and what is beside the score over all."""
+    groups = reading.groups(list(rows.values()), suite)
+    steps = f"{result['equal_steps']:,}"
+    heads = [suite, "seeds", *groups, "all", "end @1", "hit @0.5", "rms hit @0.5", "position only"]
+    heads += ["nearest, rms σ", f"all, after {steps} steps"]
+    cells = []
+    for (name, by), one in rows.items():
+
+        def of(*names: str, one: Mapping[str, Any] = one, by: str = by) -> Any:
+            return reading.of(one, suite, *names, by=by)
+
+        equal = one.get("at_equal_steps", {}).get(f"{suite}/all") if by == "policy" else None
+        cells.append(
+            [
+                _title(name, by),
+                f"{len(one['seeds'])}",
+                *(_cell(percent, of("score", group)) for group in groups),
+                _cell(percent_interval, of("score", "all")),
+                _cell(percent, of("success", "max", "all", "1", "end")),
+                _cell(percent, of("success", "max", "all", "0.5", "hit")),
+                _cell(percent, of("success", "rms", "all", "0.5", "hit")),
+                _cell(percent, of("position_only", "all", "0.5", "end")),
+                _cell(lambda x: f"{x['median']:.2f}", of("closest", "all", "nearest")),
+                _cell(percent, equal),
+            ]
+        )
+    return markdown(heads, cells)
+
+
+def _skills(rows: _Rows) -> str:
+    """Starts from which each skill succeeded; nothing where the body has none."""
+    rates = {row: (one.get("skills") or {}).get(row[1]) or {} for row, one in rows.items()}
+    names = list(dict.fromkeys(name for rate in rates.values() for name in rate))
+    if not names:
+        return ""
+    cells = [
+        [_title(*row), *(_cell(percent, rate.get(n)) for n in names)] for row, rate in rates.items()
     ]
+    return markdown(["skills", *names], cells)
+
+
+def _runs(agents: Mapping[str, Any]) -> str:
+    """What it took, and what happened on the way."""
+    cells = []
+    for name, one in agents.items():
+        steps = one.get("steps")
+        suite = next(iter(one.get("suites", {})), "")
+        cells.append(
+            [
+                name,
+                _cell(percent, (one.get("coverage") or {}).get("cells")),
+                _cell(
+                    lambda x: f"{x['median']:.1f}",
+                    reading.of(one, suite, "falls_per_1000_steps", "all"),
+                ),
+                _cell(
+                    lambda x: f"{x['median']:,.0f}", steps if steps and steps["median"] else None
+                ),
+            ]
+        )
+    return markdown(["run", "cells visited", "falls per 1,000 steps", "steps"], cells)
+
+
+def _title(name: str, by: str) -> str:
+    return name if by == "policy" else f"{name}, planning"
 
 
 def _cell(written: Callable[[Mapping[str, Any]], str], one: Mapping[str, Any] | None) -> str:
