@@ -15,8 +15,6 @@ RESULTS = ROOT / "results"
 BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NONE = "–"
 """Where nothing was measured."""
-HELD, PASSED = ("0.5", "last"), ("0.5", "any")
-"""Of an evaluation: within 0.5 σ at the last step, or at any."""
 Rows = list[list[str]]
 """A table: the headings, then the cells of each row."""
 Run = dict[str, Any]
@@ -53,13 +51,6 @@ def values(found: Sequence[Run], *names: str) -> list[float]:
     return [x for run in found if (x := at(run, *names)) is not None]
 
 
-def each(numbers: Sequence[float], times: float = 100) -> str:
-    """The median and, in brackets, every seed."""
-    if not numbers:
-        return NONE
-    return f"{times * median(numbers):.0f} ({' '.join(f'{times * x:.0f}' for x in numbers)})"
-
-
 def middle(numbers: Sequence[float], times: float = 100, digits: int = 0) -> str:
     """The median alone."""
     return f"{times * median(numbers):,.{digits}f}" if numbers else NONE
@@ -73,13 +64,6 @@ def interval(numbers: Sequence[float], times: float = 100, small: int = 0) -> st
     scaled = (times * of[name] for name in ("median", "low", "high"))
     between, low, high = (f"{x:.{0 if x >= 10 else small}f}" for x in scaled)
     return f"{between} [{low}, {high}]"
-
-
-def worst(numbers: Sequence[float], pick: Callable[..., float] = min, form: str = ".0f") -> str:
-    """The median in per cent, and the worst seed's."""
-    if not numbers:
-        return NONE
-    return f"{100 * median(numbers):{form}}, worst {100 * pick(numbers):{form}}"
 
 
 def rewrite(path: Path) -> tuple[str, list[str]]:

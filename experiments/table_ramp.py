@@ -1,9 +1,9 @@
-"""Tables of the Ramp Pointmass alone (safety, the paper's printed form), and of speed."""
+"""Tables of the Ramp Pointmass alone (safety), and of speed."""
 
 import sys
 from dataclasses import replace
 
-from table_cells import HELD, ROOT, Rows, Run, interval, read, runs, table, values
+from table_cells import ROOT, Rows, Run, interval, read, runs, table, values
 
 from everystate import preset
 
@@ -49,23 +49,6 @@ def safety_west() -> Rows:
 def safety_ahead() -> Rows:
     """Climbs straight up."""
     return climbing("ahead")
-
-
-@table
-def ramp() -> Rows:
-    """Ramp Pointmass by `quick` and by `literal`."""
-    quick, literal = runs("ramp-pointmass/quick"), runs("ramp-pointmass/literal")
-    columns = {
-        "`quick`, 0.5 σ": (quick, "success", *HELD),
-        "`quick`, 0.25 σ": (quick, "success", "0.25", "last"),
-        "`quick` with planning, 0.5 σ": (quick, "success_plan", *HELD),
-        "`literal`, 0.5 σ": (literal, "success", *HELD),
-    }
-    rows = [["goals on", *columns]]
-    for region in ("floor", "ramp", "ledge", "all"):
-        cells = [interval(values(of, key, region, *rest)) for of, key, *rest in columns.values()]
-        rows.append([region, *cells])
-    return rows
 
 
 @table

@@ -11,7 +11,7 @@ its two lines in a document.
 import argparse
 import sys
 
-import table_bodies as _bodies  # noqa: F401 (a table joins TABLES when its module is imported)
+import table_agents as _agents  # noqa: F401 (a table joins TABLES when its module is imported)
 import table_ramp as _ramp  # noqa: F401
 from table_cells import ROOT, rewrite
 
