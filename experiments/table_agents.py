@@ -6,7 +6,6 @@ ant-planning.json), others by `everystate compare ... --out results/peers/BODY`,
 MuJoCo finds by `python experiments/ceilings.py BODY motion`.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from table_cells import NONE, RESULTS, Rows, Run, at, middle, read, table, values
@@ -39,6 +38,12 @@ def _found(path: str) -> Run:
     return read(path) if (RESULTS / path).exists() else {}
 
 
+def _names(run: Run, *path: str) -> list[str]:
+    """Keys of a branch of a result; none where it has no such branch."""
+    found: Any = at(run, *path)
+    return list(found or {})
+
+
 def percent(value: float | None) -> str:
     """A share; a dash where nothing was measured."""
     return NONE if value is None else f"{100 * value:.0f}"
@@ -51,7 +56,7 @@ def _number(value: float | None) -> str:
 def suite(body: str, name: str) -> Rows:
     """A row per agent: the score by group, and what stands beside it."""
     rows = agents(body)
-    groups = list(at(rows["ours"][0], "suites", name, "policy", "score") or {})
+    groups = _names(rows["ours"][0], "suites", name, "policy", "score")
     if name == "motion":
         groups = [group for group in groups if group.startswith("k=")] + ["all"]
     beside = {
@@ -81,7 +86,7 @@ def suite(body: str, name: str) -> Rows:
 def skills(body: str) -> Rows:
     """A row per skill, a column per agent."""
     rows = {title: row for title, row in agents(body).items() if title != SEARCH}
-    names: Mapping[str, Any] = at(rows["ours"][0], "skills", "policy") or {}
+    names = _names(rows["ours"][0], "skills", "policy")
     cells = [
         [name, *(percent(at(run, "skills", by, name)) for run, by in rows.values())]
         for name in names
