@@ -4,15 +4,23 @@
 
 The agent goes to `src/everystate/agents/NAME`, where `everystate.load(NAME)` finds it. A new agent
 takes the place of an old one only when the old folder was removed.
+
+    python experiments/ship_agent.py --renew cartpole
+
+writes a shipped agent anew, in the format of today: the same arrays, settings and scores, and what
+the model of its body compiles to today. Before that, see that the model has not changed.
 """
 
 import argparse
+import dataclasses
 import json
+import shutil
 from pathlib import Path
 
 import everystate
-from everystate import evaluation
+from everystate import envs, evaluation
 from everystate.skills import SKILLS
+from everystate.training.bodies import info
 
 AGENTS = Path(__file__).resolve().parent.parent / "src" / "everystate" / "agents"
 
@@ -20,10 +28,15 @@ AGENTS = Path(__file__).resolve().parent.parent / "src" / "everystate" / "agents
 def main() -> None:
     """Evaluates the run and exports its agent."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("run", type=Path)
+    parser.add_argument("run", type=Path, nargs="?")
     parser.add_argument("name")
+    parser.add_argument("--renew", action="store_true", help="write the shipped agent anew")
     parser.add_argument("--evaluation", type=Path, help="a result of `evaluate --skills --json`")
     options = parser.parse_args()
+    if options.renew:
+        return renew(AGENTS / options.name)
+    if options.run is None:
+        parser.error("give a RUN, or --renew")
     agent = everystate.load(options.run)
     if options.evaluation:
         result = json.loads(options.evaluation.read_text())
@@ -38,6 +51,17 @@ def main() -> None:
         "skills": result["skills"],
     }
     print(agent.export(AGENTS / options.name, scores))
+
+
+def renew(folder: Path) -> None:
+    """Writes a shipped agent anew."""
+    agent = everystate.load(folder)
+    env = envs.make(agent.config.body, 1, 0, **envs.parse_options(agent.config.body_options))
+    scores = json.loads((folder / "agent.json").read_text())["scores"]
+    agent = dataclasses.replace(agent, body=info(agent.config, env))
+    draft = agent.export(folder.with_name(f"{folder.name}-renewed"), scores)
+    shutil.rmtree(folder)
+    print(draft.rename(folder))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,10 @@ from everystate.limits import RANGES, require_in_range, require_kind
 
 FlowFamily = Literal["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
 
+MODEL_COPY = "model_copy"
+"""The body option that an agent read from a file has besides its own: where its copy of the model
+lies. It is true of one machine, so no file has it."""
+
 
 @dataclass(frozen=True)
 class Config:

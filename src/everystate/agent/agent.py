@@ -115,6 +115,8 @@ class Agent:
     ) -> Path:
         """Writes the agent to a new folder that `load` reads, anywhere and without running code.
 
+        The copy of a model file that was the user's own goes with it.
+
         Args:
             path: the folder; it must not exist.
             scores: results to keep with it, anything JSON can hold.
@@ -212,6 +214,10 @@ def _log_density(models: Models, states: Float[Array, "n s"]) -> Float[Array, " 
 def load(path: str | Path) -> Agent:
     """The agent in an exported folder or a run folder (its latest), or one shipped, by its name.
 
+    If it learned on a model file of its user's, its body is built from the copy in that folder:
+    `config.body_options` then has the option `model_copy`. An agent of the format before checksums
+    is read with a warning.
+
     Raises:
         EverystateError: no agent there, a damaged one, or one of another version.
     """
@@ -224,7 +230,8 @@ def load(path: str | Path) -> Agent:
     checkpoints = sorted(folder.glob("checkpoints/[0-9]*"), reverse=True)
     for checkpoint in checkpoints:
         try:
-            return Agent(*files.read(checkpoint))
+            # Checkpoints come and go; the run's own copy of its body stays.
+            return Agent(*files.read(checkpoint, folder / files.BODY))
         except EverystateError as error:
             if checkpoint == checkpoints[-1]:
                 raise

@@ -1,16 +1,19 @@
-"""Agents on disk: two files that load without running code.
+"""Agents on disk: files that load without running code, and say when they are damaged.
 
 `agent.safetensors` has the models' arrays, `agent.json` what is needed to build the models around
-them.
+them, checksums of itself and of the others, and what the body's model compiled to. An agent whose
+body is a model file of its user's has a copy of that in `body/`.
 """
 
+import hashlib
 import json
 import math
 import shutil
+import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from importlib.metadata import version
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax.numpy as jnp
@@ -20,13 +23,18 @@ import safetensors.numpy
 
 from everystate.agent.arrays import named_arrays, skeleton, with_arrays
 from everystate.algorithm import Models, Scale
-from everystate.config import Config
+from everystate.config import MODEL_COPY, Config
 from everystate.errors import EverystateError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-FORMAT = 2
+FORMAT = 3
+UNCHECKED = 2
+"""The format before checksums and models: read still, with a warning."""
+BODY = "body"
+"""The folder with the copy of a model, in a run as in an agent."""
+_ARRAYS, _LIST = "agent.safetensors", f"{BODY}/body.json"
 _PROBLEMS = (
     OSError,
     ValueError,
@@ -44,6 +52,10 @@ class BodyInfo(NamedTuple):
 
     state_names: tuple[str, ...]
     action_size: int
+    model_hash: str = ""
+    """What the model that it learned on compiled to; "" where that is not known."""
+    versions: Mapping[str, str] = {}
+    """Of the packages that the body came from."""
 
 
 def export(path: Path, *agent_and_scores: Any) -> Path:
@@ -70,19 +82,25 @@ def write(
     scores: Mapping[str, Any] | None = None,
     half: bool = False,
 ) -> None:
-    """Writes an agent's two files into an existing folder; if `half`, matrices as float16."""
+    """Writes an agent's files into an existing folder; if `half`, matrices as float16."""
+    arrays = {name: np.asarray(x) for name, x in named_arrays(models).items()}
+    if half:
+        arrays = {name: _halved(x) for name, x in arrays.items()}
+    safetensors.numpy.save_file(arrays, folder / _ARRAYS)
+    names = [_ARRAYS]
+    if copy := model_copy(config):
+        _copy_body(copy, folder / BODY)
+        names.append(_LIST)
     description = {
         "format": FORMAT,
         "everystate": version("everystate"),
         "config": config_to_json(config),
-        "body": body._asdict(),
+        "body": body._asdict() | {"versions": dict(body.versions)},
         "scale": {name: np.asarray(x).tolist() for name, x in scale._asdict().items()},
         "scores": dict(scores or {}),
+        "files": {name: _checksum((folder / name).read_bytes()) for name in names},
     }
-    arrays = {name: np.asarray(x) for name, x in named_arrays(models).items()}
-    if half:
-        arrays = {name: _halved(x) for name, x in arrays.items()}
-    safetensors.numpy.save_file(arrays, folder / "agent.safetensors")
+    description["checksum"] = _own_checksum(description)
     (folder / "agent.json").write_text(json.dumps(description, indent=2) + "\n")
 
 
@@ -91,24 +109,32 @@ def _halved(array: np.ndarray) -> np.ndarray:
     return array.astype(np.float16) if array.dtype == np.float32 and array.ndim > 1 else array
 
 
-def read(folder: Path) -> tuple[Models, Scale, Config, BodyInfo]:
+def read(folder: Path, body_folder: Path | None = None) -> tuple[Models, Scale, Config, BodyInfo]:
     """The inverse of `write`, scores apart.
+
+    Args:
+        folder: has the agent's files.
+        body_folder: where to find the copy of the model, by default `body/` beside them.
 
     Raises:
         EverystateError: the files are damaged or of another version.
     """
     try:
         description = read_json(folder / "agent.json")
-        if description["format"] != FORMAT:
-            raise EverystateError(
-                f"the agent in {folder} has format {description['format']} and this everystate "
-                f"reads format {FORMAT}: use everystate {description['everystate']}"
-            )
+        _require_sound(folder, description)
         config = config_from_json(description["config"])
         body = BodyInfo(**description["body"])
-        body = body._replace(state_names=tuple(body.state_names))
+        body = body._replace(state_names=tuple(body.state_names), versions=dict(body.versions))
+        content = (folder / _ARRAYS).read_bytes()
+        files = dict(description.get("files", {_ARRAYS: _checksum(content)}))
+        _require_same(folder / _ARRAYS, content, files[_ARRAYS])
+        if _LIST in files:
+            place = body_folder or folder / BODY
+            listed = place / PurePosixPath(_LIST).name
+            _require_same(listed, listed.read_bytes(), files[_LIST])
+            config = with_model_copy(config, place)
         models = skeleton(config, len(body.state_names), body.action_size).models
-        arrays = safetensors.numpy.load_file(folder / "agent.safetensors")
+        arrays = safetensors.numpy.load(content)
         arrays = {n: np.float32(x) if x.dtype == np.float16 else x for n, x in arrays.items()}
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
@@ -116,6 +142,70 @@ def read(folder: Path) -> tuple[Models, Scale, Config, BodyInfo]:
     except _PROBLEMS as error:
         problem = " ".join(f"{type(error).__name__}: {error}".split())
         raise EverystateError(f"the agent in {folder} is damaged ({problem})") from error
+
+
+def _require_sound(folder: Path, description: Mapping[str, Any]) -> None:
+    """Raises if agent.json is of a format that is not read, or is not what was written."""
+    if description["format"] == UNCHECKED and "checksum" not in description:
+        body = description["config"]["body"]
+        return warnings.warn(
+            f"the agent in {folder} has format {UNCHECKED}, without checksums: neither damage nor"
+            f" another {body} than it learned on is noticed. For checksums, export it anew:"
+            f" everystate.load({str(folder)!r}).export(NEW_FOLDER)",
+            stacklevel=4,
+        )
+    if description["format"] != FORMAT:
+        raise EverystateError(
+            f"the agent in {folder} has format {description['format']} and this everystate "
+            f"reads format {FORMAT}: use everystate {description['everystate']}"
+        )
+    if description["checksum"] != _own_checksum(description):
+        raise ValueError("agent.json has another checksum than when it was written")
+
+
+def _require_same(path: Path, content: bytes, checksum: str) -> None:
+    if _checksum(content) != checksum:
+        raise ValueError(f"{path} has another checksum than when the agent was written")
+
+
+def _own_checksum(description: Mapping[str, Any]) -> str:
+    """Of all that agent.json says, but not of how it is laid out."""
+    rest = json.loads(json.dumps({n: x for n, x in description.items() if n != "checksum"}))
+    return _checksum(json.dumps(rest, sort_keys=True).encode())
+
+
+def _checksum(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _copy_body(source: Path, target: Path) -> None:
+    """A copy of the files that a copied model lists, and of no others."""
+    name = PurePosixPath(_LIST).name
+    try:
+        listed = [PurePosixPath(one) for one in read_json(source / name)["files"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise EverystateError(f"{source / name} is damaged: {error}") from error
+    for one in (PurePosixPath(name), *listed):
+        if one.is_absolute() or ".." in one.parts:
+            raise EverystateError(f"{source / name} names {one}: it must lie in that folder")
+        (target / one).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source / one, target / one)
+
+
+def with_model_copy(config: Config, folder: Path) -> Config:
+    """The same body, built from a copy of its model from now on."""
+    rest = [x for x in config.body_options if not _is_model_copy(x)]
+    return replace(config, body_options=(*rest, f"{MODEL_COPY}={folder.resolve()}"))
+
+
+def model_copy(config: Config) -> Path | None:
+    """The folder with the copy of the model, if the body is built from one."""
+    found = [x.partition("=")[2] for x in config.body_options if _is_model_copy(x)]
+    return Path(found[-1]) if found else None
+
+
+def _is_model_copy(option: str) -> bool:
+    return option.startswith(f"{MODEL_COPY}=")
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -152,11 +242,16 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
 
 
 def config_to_json(config: "DataclassInstance") -> dict[str, Any]:
-    """The fields of a config; JSON has no infinity, so that one is a string, and no tuple."""
+    """The fields of a config; JSON has no infinity, so that one is a string, and no tuple.
+
+    Where a copy of the model lies is left out: that is true of this machine only.
+    """
     values = {
         name: str(x) if isinstance(x, float) and math.isinf(x) else x
         for name, x in asdict(config).items()
     }
+    if "body_options" in values:
+        values["body_options"] = [x for x in values["body_options"] if not _is_model_copy(x)]
     return {name: list(x) if isinstance(x, tuple) else x for name, x in values.items()}
 
 

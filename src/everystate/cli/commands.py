@@ -189,7 +189,8 @@ def bodies(argv: list[str]) -> None:
         print(envs.make(name, 1, 0).describe(), end="\n\n")
     if not argv:
         print("Also the path of any MJCF file, NAME.xml, and MODULE:ID for what a module registers")
-        print("with Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it.")
+        print("with Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it. A run")
+        print("and its agent keep a copy of an MJCF file, and of all the files that it names.")
 
 
 def skills(argv: list[str]) -> None:

@@ -1,12 +1,15 @@
 """Bodies: what learns, many at a time."""
 
 import dataclasses
+import functools
 from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 
+from everystate.config import MODEL_COPY
 from everystate.envs.adapt import import_module
 from everystate.envs.ant import Ant
 from everystate.envs.body import Body
@@ -14,6 +17,7 @@ from everystate.envs.cartpole import Cartpole
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.gymnasium_vector import GymnasiumVectorEnv
 from everystate.envs.joints import JointBody
+from everystate.envs.model_copy import copied_model, copy_model
 from everystate.envs.mujoco_vector import MujocoVectorEnv
 from everystate.envs.ramp_pointmass import RampPointmass
 from everystate.envs.vector import BodyVectorEnv, Physics, random_play
@@ -31,9 +35,12 @@ __all__ = [
     "MujocoVectorEnv",
     "Physics",
     "RampPointmass",
+    "copy_model",
     "make",
+    "own_model",
     "parse_options",
     "random_play",
+    "versions",
 ]
 
 _BODIES: dict[str, type[Body]] = {
@@ -55,7 +62,8 @@ def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> B
         num_envs: how many.
         seed: of everything random in them; None makes a different run each time.
         **options: fields of the body's class or arguments of the Gymnasium environment; those of
-            `Disturbance`; `num_threads` (MuJoCo bodies), `ends` (Gymnasium ids), `render_mode`.
+            `Disturbance`; `num_threads` (MuJoCo bodies), `ends` (Gymnasium ids), `render_mode`;
+            and `model_copy`, a folder with the copy of the model that a run or an agent has.
 
     Raises:
         EverystateError: no such body or option, a model that does not compile, spaces that cannot
@@ -78,18 +86,45 @@ def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> B
             f"unknown body {body!r}: {suggest(body, BODIES)}, the path of an MJCF file ending in"
             " .xml, or gymnasium:ID"
         )
+    if MODEL_COPY in options:
+        options["xml"] = copied_model(Path(str(options.pop(MODEL_COPY))))
     stepper = {k: options.pop(k) for k in ("num_threads", "render_mode") if k in options}
     known = {f.name for f in dataclasses.fields(kind)}  # pyright: ignore[reportArgumentType]
     for name in options.keys() - known:
         choices = known | {"num_threads", "render_mode", *_DISTURBANCE}
         raise EverystateError(f"{body} has no option {name!r}: {suggest(name, choices)}")
+    built = _built(kind, body, options)
+    if kind is JointBody:
+        object.__setattr__(built, "name", body)  # wherever a copy of its file lies
     return MujocoVectorEnv(
-        _built(kind, body, options),
+        built,
         num_envs,
         seed,
         disturbance=_built(Disturbance, body, disturbed),
         **stepper,
     )
+
+
+def own_model(env: BodyVectorEnv) -> Path | None:
+    """The model file of a body, if it is its user's own and no part of a package."""
+    if not isinstance(env, MujocoVectorEnv) or type(env.body) in _BODIES.values():
+        return None
+    has_option = any(f.name == "xml" for f in dataclasses.fields(env.body))  # pyright: ignore
+    return env.body.xml if has_option else None
+
+
+@functools.cache
+def versions(body: str) -> dict[str, str]:
+    """Of the packages that a body comes from."""
+    found = {"mujoco": version("mujoco")}
+    if ":" in body:
+        module = body.partition(":")[0].partition(".")[0]
+        for name in ("gymnasium", *packages_distributions().get(module, ())):
+            try:
+                found[name] = version(name)
+            except PackageNotFoundError:
+                continue
+    return found
 
 
 def parse_options(options: Sequence[str]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Shaped, UInt8
 
 from everystate.envs.body import Body, load_model
 from everystate.envs.disturbance import Disturbance
+from everystate.envs.model_copy import model_hash
 from everystate.envs.rendering import render_states
 from everystate.envs.vector import BodyVectorEnv, Physics, require_finite
 from everystate.errors import EverystateError
@@ -53,6 +54,7 @@ class MujocoVectorEnv(BodyVectorEnv):
         self.state_names, self.state_units = body.state_names, body.state_units
         self.nominal = (body.centre, body.spread)
         self.model = load_model(body.xml)
+        self.model_hash = model_hash(self.model)
         disturbance.perturb(self.model)
         self.control_step = self.model.opt.timestep * body.frame_skip * disturbance.action_repeat
         super().__init__(

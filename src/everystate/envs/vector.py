@@ -60,6 +60,9 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
     """Centre and spread, NaN where they are to be measured."""
     control_step: float | None
     """Seconds of one step, if known."""
+    model_hash: str = ""
+    """Of the compiled model, undisturbed (`envs.model_copy`); "" of one that comes from a package
+    by a Gymnasium id, which may make a new one each time."""
     placeable: bool = True
     """Whether `set_observations` and `render_states` are possible."""
     exact_restore: bool = True

@@ -1,6 +1,6 @@
 """How well an agent reaches the states of fixed suites, how safely, and how well it knows."""
 
-from everystate.evaluation.agents import Agent
+from everystate.evaluation.agents import Agent, warn_of_another_model
 from everystate.evaluation.evaluate import coverage, described, evaluate, logged
 from everystate.evaluation.measure import apart_from, measure, rollout
 from everystate.evaluation.performances import perform, success_rates, successes
@@ -21,4 +21,5 @@ __all__ = [
     "success_rates",
     "successes",
     "tables",
+    "warn_of_another_model",
 ]

@@ -1,9 +1,12 @@
 """What an evaluation needs of an agent."""
 
+import warnings
 from dataclasses import Field
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+
+from everystate.envs import BodyVectorEnv
 
 
 @runtime_checkable
@@ -31,3 +34,18 @@ class Agent(Protocol):
     ) -> np.ndarray: ...
 
     def steps_to_goal(self, observation: Any, goal: Any) -> Any: ...
+
+
+def warn_of_another_model(agent: Agent, env: BodyVectorEnv) -> None:
+    """Warns where a body's model is not what the agent learned on, as after an update of a package.
+
+    It is no error: how an agent does on another body is a fair question, if one knows of it.
+    """
+    body = getattr(agent, "body", None)  # a peer does not say
+    known = getattr(body, "model_hash", "")
+    if known and env.model_hash and known != env.model_hash:
+        warnings.warn(
+            f"{env.name} is another model than the agent learned on, which had {body.versions}:"
+            " what follows is how it does on this one",
+            stacklevel=3,
+        )

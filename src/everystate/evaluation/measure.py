@@ -9,7 +9,7 @@ from jaxtyping import Float
 from everystate.agent import step_seed
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.evaluation import metrics
-from everystate.evaluation.agents import Agent
+from everystate.evaluation.agents import Agent, warn_of_another_model
 from everystate.evaluation.suites import Suite
 
 _DECIMALS = 4  # of distances kept per task, in units of sigma
@@ -42,6 +42,7 @@ def measure(
     """
     options = parse_options(agent.config.body_options) | dict(world or {})
     env = make(suite.body, len(suite.goals), seed, **options)
+    warn_of_another_model(agent, env)
     states = rollout(agent, env, suite, plan=plan, seed=seed)
     apart = apart_from(env, suite, states[1:])
     horizons, groups, weights = suite.horizons, suite.groups, suite.weights

@@ -5,7 +5,7 @@ from jaxtyping import Bool, Float32
 
 from everystate.agent import Performance
 from everystate.envs import make, parse_options
-from everystate.evaluation.agents import Agent
+from everystate.evaluation.agents import Agent, warn_of_another_model
 from everystate.skills import Skill, skills_of
 
 STARTS = 100
@@ -33,6 +33,7 @@ def perform(
     """States recorded while a skill was performed, from all starts at once, and which succeeded."""
     config = agent.config
     env = make(config.body, starts, seed, **parse_options(config.body_options))
+    warn_of_another_model(agent, env)
     observations = one.starts(np.random.default_rng(seed), starts).astype(np.float32)
     env.set_observations(observations)
     performance, states = Performance(agent, one, plan, seed), [observations]

@@ -141,7 +141,8 @@ class Suite:
 
 def names(body: str, options: Sequence[str] = ()) -> tuple[str, ...]:
     """The suites of a body: those in the package, or else one that is made on the spot."""
-    found = tuple(sorted(p.stem.removesuffix("-report") for p in FOLDER.glob(f"{body}/*-report.*")))
+    files = (FOLDER / body).glob("*-report.json")
+    found = tuple(sorted(path.stem.removesuffix("-report") for path in files))
     if not found or (options and _state(body, options) != _state(body)):
         return ("visited",)
     return tuple(sorted(found, key=lambda name: name != "rest"))

@@ -1,7 +1,9 @@
 """A group of bodies that act: all of a run's, or those that one of its collectors has."""
 
+import shutil
 from collections.abc import Callable
 from operator import itemgetter
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -9,9 +11,12 @@ import numpy as np
 from jaxtyping import Float32
 
 from everystate import envs
+from everystate.agent import BodyInfo, with_model_copy
+from everystate.agent.files import BODY
 from everystate.algorithm import Actor, Draws
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv
+from everystate.errors import EverystateError
 from everystate.learning.episodes import Episodes
 from everystate.training.learner import Learner
 
@@ -41,6 +46,46 @@ def make_bodies(config: Config, count: int) -> BodyVectorEnv:
     """So many bodies of a run."""
     options = envs.parse_options(config.body_options)
     return envs.make(config.body, count, config.seed, **options)
+
+
+def info(config: Config, env: BodyVectorEnv) -> BodyInfo:
+    """What a run and its agent keep of a body."""
+    actions = env.single_action_space.shape[0]
+    return BodyInfo(tuple(env.state_names), actions, env.model_hash, envs.versions(config.body))
+
+
+def with_own_copy(config: Config, env: BodyVectorEnv, run: Path) -> Config:
+    """The config of a run, with its body built from the copy in the run's folder from now on.
+
+    The copy is made if there is none yet. Bodies of packages are left as they are.
+
+    Args:
+        config: of the run.
+        env: the body as it is now, outside of the run's folder.
+        run: the run's folder, which was begun with such a body.
+
+    Raises:
+        EverystateError: the copy was lost or changed, or the model cannot be copied.
+    """
+    model, copy = envs.own_model(env), run / BODY
+    if model is None:
+        return config
+    if not copy.exists():
+        if any(run.glob("checkpoints/[0-9]*")):
+            raise EverystateError(
+                f"{copy} is missing, the copy of {model} that the run learned on: choose another"
+                " --run-dir"
+            )
+        draft = run / f".{BODY}.draft"
+        shutil.rmtree(draft, ignore_errors=True)
+        envs.copy_model(model, draft)
+        draft.rename(copy)
+    config = with_model_copy(config, copy)
+    if make_bodies(config, 1).model_hash != env.model_hash:
+        raise EverystateError(
+            f"{copy} does not compile to the same model as {model}: choose another --run-dir"
+        )
+    return config
 
 
 def seed_of(config: Config, group: int) -> int:

@@ -14,14 +14,15 @@ from typing import Any, Literal
 import jax
 
 from everystate import evaluation
-from everystate.agent import Agent, BodyInfo, keep_compiled_programs
+from everystate.agent import Agent, keep_compiled_programs
+from everystate.agent.files import BODY
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.presets import preset as preset_of
 from everystate.training import checkpoint, coverage, faults, hosts
 from everystate.training.assist import assist
-from everystate.training.bodies import make_bodies
+from everystate.training.bodies import info, make_bodies, with_own_copy
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import (
     action_size,
@@ -69,7 +70,7 @@ def train(
 
     Raises:
         EverystateError: a wrong name or value, a run folder that is foreign, of another config or
-            in use, fewer devices than told, a run that stopped being finite, or another host that
+            body or in use, fewer devices than told, a run that stopped being finite, or another host that
             was lost. Nothing is lost or overwritten.
     """
     if isinstance(config_or_body, Config):
@@ -94,8 +95,12 @@ def train(
 def _lead(config: Config, path: Path, crew: Crew | None, make_log: Callable[..., Log]) -> bool:
     """Trains, and returns whether Ctrl-C was pressed."""
     # With a crew, only to know what they are like: theirs may be robots.
-    env = make_bodies(config, 1 if crew else size_of(config))
-    with _written(), open_run(path, config) as folder:
+    count = 1 if crew else size_of(config)
+    env = _bodies(config, count, path)
+    with _written(), open_run(path, config, info(config, env)) as folder:
+        own = with_own_copy(config, env, folder)
+        if own != config:
+            config, env = own, make_bodies(own, count)
         sizes = len(env.state_names), action_size(env)
         snapshot = checkpoint.restore(folder / "checkpoints", config, *sizes)
         done = snapshot.epoch if snapshot else 0
@@ -108,6 +113,18 @@ def _lead(config: Config, path: Path, crew: Crew | None, make_log: Callable[...,
             groups = Groups(config, crew, interrupted)
             _run(config, env, learner, groups, folder, snapshot, log, interrupted)
             return interrupted()
+
+
+def _bodies(config: Config, count: int, run: Path) -> BodyVectorEnv:
+    """The bodies as they are outside of the run's folder."""
+    try:
+        return make_bodies(config, count)
+    except EverystateError as error:
+        if (run / BODY).exists():
+            raise EverystateError(
+                f"{error}; {run / BODY} has the file that the run in {run} learned on"
+            ) from error
+        raise
 
 
 def _run(
@@ -190,9 +207,8 @@ def _save(config: Config, env: BodyVectorEnv, folder: Path, snapshot: Snapshot) 
 
 
 def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
-    body = BodyInfo(tuple(env.state_names), action_size(env))
     models, scale = hosts.local((snapshot.agent.models, snapshot.agent.scale))
-    return Agent(models, scale, config, body)
+    return Agent(models, scale, config, info(config, env))
 
 
 @contextmanager

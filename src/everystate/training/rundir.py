@@ -1,6 +1,7 @@
 """The folder of a run: whose it is, that only one process writes to it, that nothing is lost.
 
-config.json       the config, and the versions that it ran with
+config.json       the config, what the body's model compiled to, and the versions it ran with
+body/             a copy of the body's model, if that is a file of its user's own
 metrics.jsonl     one JSON object per epoch
 tensorboard/      the same for TensorBoard
 checkpoints/N/    everything after N epochs, and the agent as it then was
@@ -16,13 +17,13 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-from everystate.agent import config_to_json
-from everystate.agent.files import read_json
+from everystate.agent import BodyInfo, config_to_json
+from everystate.agent.files import BODY, read_json
 from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import PRESETS, preset
 
-FORMAT = 5
+FORMAT = 6
 _LOCK = ".lock"
 _PACKAGES = ("everystate", "jax", "jaxlib", "equinox", "flowjax", "optax", "mujoco", "numpy")
 
@@ -42,11 +43,12 @@ def preset_name(config: Config) -> str:
 
 
 @contextmanager
-def open_run(folder: Path, config: Config) -> Iterator[Path]:
-    """Claims a run folder, new or begun by the same config, for this process.
+def open_run(folder: Path, config: Config, body: BodyInfo) -> Iterator[Path]:
+    """Claims a run folder, new or begun by the same config and body, for this process.
 
     Raises:
-        EverystateError: it is foreign, of another config, or in use; nothing is written then.
+        EverystateError: it is foreign, of another config or body, or in use; nothing is written
+            then.
     """
     if folder.exists() and not folder.is_dir():
         raise EverystateError(f"{folder} is a file: choose another --run-dir")
@@ -69,21 +71,23 @@ def open_run(folder: Path, config: Config) -> Iterator[Path]:
             ) from error
         # Only now: the other process may have made it a run.
         if (folder / "config.json").exists():
-            _require_same(folder, config)
+            _require_same(folder, config, body)
         else:
             description = {
                 "format": FORMAT,
                 "config": config_to_json(config),
+                "body": {"model_hash": body.model_hash, "versions": dict(body.versions)},
                 "versions": {name: version(name) for name in _PACKAGES},
             }
             write_atomically(folder / "config.json", json.dumps(description, indent=2) + "\n")
         yield folder
 
 
-def _require_same(folder: Path, config: Config) -> None:
+def _require_same(folder: Path, config: Config, body: BodyInfo) -> None:
     try:
         description = read_json(folder / "config.json")
         found, format_found = dict(description["config"]), description["format"]
+        model = dict(description["body"]) if format_found == FORMAT else {}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise EverystateError(
             f"{folder / 'config.json'} cannot be read ({error}): choose another --run-dir"
@@ -103,6 +107,13 @@ def _require_same(folder: Path, config: Config) -> None:
         raise EverystateError(
             f"{folder} holds a run of another config ({'; '.join(differing)}): choose another"
             f" --run-dir, or the same config to go on with it"
+        )
+    if model.get("model_hash") != body.model_hash:
+        copy = f"put back the file as in {folder / BODY}, or " if (folder / BODY).exists() else ""
+        raise EverystateError(
+            f"{folder} learned on another {config.body} than there is now (its model compiled to"
+            f" another one, under {model.get('versions')} then and {dict(body.versions)} now):"
+            f" {copy}choose another --run-dir"
         )
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32
 from everystate.agent import Agent, step_seed
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
-from everystate.evaluation import perform
+from everystate.evaluation import perform, warn_of_another_model
 from everystate.skills import skill as skill_of
 
 EXPLORED = 5
@@ -37,6 +37,7 @@ def body_of(agent: Agent, seed: int = 0) -> BodyVectorEnv:
     """
     config = agent.config
     env = make(config.body, 1, seed, **parse_options(config.body_options))
+    warn_of_another_model(agent, env)
     if not env.placeable:
         raise EverystateError(f"{env.name} cannot be drawn from what it observed, only live")
     return env

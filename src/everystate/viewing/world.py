@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32
 from everystate.agent import Agent, Performance, step_seed
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
-from everystate.evaluation import suites
+from everystate.evaluation import suites, warn_of_another_model
 
 JOLT = 0.5
 """A push changes each velocity by about this many spreads."""
@@ -133,6 +133,7 @@ class World:
         if self.mass != 1.0:
             options["mass"] = self.mass * options.get("mass", 1.0)
         env = make(config.body, 1, self._seed, **options)
+        warn_of_another_model(self.agent, env)
         if not env.placeable:
             raise EverystateError(f"{env.name} cannot be drawn from what it observed, only live")
         return env
