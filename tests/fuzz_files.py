@@ -21,6 +21,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from everystate import load, train
+from everystate.agent import BodyInfo
+from everystate.envs import make
+from everystate.envs.model_copy import copied_model, copy_model
 from everystate.errors import EverystateError
 from everystate.evaluation import suites
 from everystate.presets import preset
@@ -36,6 +39,7 @@ SUITE = (suites.FOLDER / "cartpole" / "rest-report.json").read_text()
 DEEP = b"[" * 5_000
 FOLDER = Path(tempfile.mkdtemp())
 CONFIG, RUN = preset("test", epochs=1), FOLDER / "run"
+BODY = BodyInfo(("x", "y"), 2, make(CONFIG.body, 1, 0).model_hash)
 MEMORY = 1 << 30
 """Bytes by which reading one file may make the process larger."""
 
@@ -76,19 +80,28 @@ def damaged(draw: st.DrawFn, text: str) -> bytes:
     return json.dumps(whole[""]).encode()
 
 
-def survives(read: Callable[[], Any]) -> None:
-    """It reads, or says in bearably many words why not."""
-    said = "nothing"
+def survives(read: Callable[[], Any]) -> bool:
+    """It reads, or says in bearably many words why not; returns whether it reads."""
+    said = ""
     try:
         read()
     except EverystateError as error:
         said = str(error)
-    assert 0 < len(said) < 2_000, said
+        assert 0 < len(said) < 2_000, said
+    return not said
+
+
+def same_json(content: bytes, text: str) -> bool:
+    """Whether a file still says what it said."""
+    try:
+        return json.loads(content) == json.loads(text)
+    except (ValueError, RecursionError):
+        return False
 
 
 def claim() -> None:
     """A second start of a run."""
-    with open_run(RUN, CONFIG):
+    with open_run(RUN, CONFIG, BODY):
         pass
 
 
@@ -97,6 +110,15 @@ RUN_CONFIG, METRICS = (RUN / "config.json").read_text(), (RUN / "metrics.jsonl")
 SAMPLES = (RUN / "samples" / "000001.npz").read_bytes()
 CHECKPOINT = RUN / "checkpoints" / "000001"
 PARTS = sorted(p.relative_to(CHECKPOINT) for p in CHECKPOINT.rglob("*") if p.is_file())
+
+
+COPY = FOLDER / "body"
+(FOLDER / "arm.xml").write_text(
+    "<mujoco><worldbody><body><joint name='j'/><geom size='1'/></body></worldbody>"
+    "<actuator><motor joint='j'/></actuator></mujoco>"
+)
+copy_model(FOLDER / "arm.xml", COPY)
+LIST = (COPY / "body.json").read_text()
 
 
 def bomb() -> bytes:
@@ -111,19 +133,33 @@ def bomb() -> bytes:
 @example(content=DEEP)
 @example(content=AGENT.replace('"config": {', '"config": [], "x": {').encode())
 def an_agent(content: bytes) -> None:
-    """agent.json."""
+    """agent.json: what says anything else is refused."""
     (FOLDER / "agent.safetensors").write_bytes(ARRAYS)
     (FOLDER / "agent.json").write_bytes(content)
-    survives(lambda: load(FOLDER))
+    reads = survives(lambda: load(FOLDER))
+    assert same_json(content, AGENT) or not reads, "it says something else, and nobody noticed"
 
 
 @given(at=st.integers(0, len(ARRAYS) - 1), byte=st.none() | st.integers(0, 255))
 def its_arrays(at: int, byte: int | None) -> None:
-    """agent.safetensors; a number that was changed cannot be told from another."""
+    """agent.safetensors: whatever was changed is refused."""
     content = ARRAYS[:at] if byte is None else ARRAYS[:at] + bytes([byte]) + ARRAYS[at + 1 :]
     (FOLDER / "agent.safetensors").write_bytes(content)
     (FOLDER / "agent.json").write_text(AGENT)
-    survives(lambda: load(FOLDER))
+    reads = survives(lambda: load(FOLDER))
+    assert content == ARRAYS or not reads, "it was changed, and nobody noticed"
+
+
+@given(content=damaged(LIST))
+@example(content=DEEP)
+@example(content=b'{"model": "/etc/passwd", "files": {"/etc/passwd": "0"}}')
+@example(content=b'{"model": "../arm.xml", "files": {"../arm.xml": "0"}}')
+def a_bodys_list(content: bytes) -> None:
+    """body/body.json; what lies elsewhere is never the model."""
+    (COPY / "body.json").write_bytes(content)
+    found = []
+    survives(lambda: found.append(copied_model(COPY)))
+    assert found in ([], [COPY / "arm.xml"])
 
 
 @given(content=damaged(SUITE))
@@ -214,6 +250,7 @@ def peak() -> int:
 CHECKS = (
     an_agent,
     its_arrays,
+    a_bodys_list,
     a_goal_suite,
     a_runs_config,
     a_runs_metrics,

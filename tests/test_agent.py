@@ -2,13 +2,17 @@
 
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import everystate
+from everystate import envs
 from everystate.agent import (
     Agent,
     BodyInfo,
@@ -27,6 +31,7 @@ from everystate.learning.flows import decode
 from everystate.learning.replay import Transitions
 from everystate.presets import PRESETS, preset
 from everystate.training.learner import begin
+from everystate.viewing.recording import body_of
 
 CENTRE = np.array([1.0, -2.0], dtype=np.float32)
 SPREAD = np.array([0.5, 4.0], dtype=np.float32)
@@ -162,6 +167,64 @@ def test_damaged_agents_are_named(agent: Agent, tmp_path: Path, damage: str) -> 
     description.write_text(json.dumps(told))
     with pytest.raises(EverystateError, match=r"format 99|'hidden'|damaged"):
         load(folder)
+
+
+@pytest.mark.parametrize("name", ["agent.json", "agent.safetensors"])
+def test_a_flipped_bit_is_an_error(agent: Agent, tmp_path: Path, name: str) -> None:
+    path = agent.export(tmp_path / "agent", {"note": "at 0.5"}) / name
+    sound, rng = path.read_bytes(), np.random.default_rng(0)
+    # In the JSON everywhere, in the arrays at random, their header included.
+    places = range(len(sound)) if name == "agent.json" else [*range(300), *rng.integers(len(sound), size=300)]
+    noticed = 0
+    for at in places:
+        flipped = bytearray(sound)
+        flipped[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(flipped)
+        try:
+            load(path.parent)
+        except EverystateError as error:
+            assert str(path.parent) in str(error)
+            noticed += 1
+        else:  # a blank for another between values
+            assert json.loads(flipped) == json.loads(sound), at
+    assert noticed > 0.95 * len(places) if name == "agent.json" else noticed == len(places)
+
+
+def test_one_agents_arrays_are_not_anothers(agent: Agent, tmp_path: Path) -> None:
+    one = agent.export(tmp_path / "one")
+    models = jax.tree.map(lambda x: x + 1 if eqx.is_inexact_array(x) else x, agent.models)
+    other = dataclasses.replace(agent, models=models).export(tmp_path / "other")
+    shutil.copy(other / "agent.safetensors", one)
+    with pytest.raises(EverystateError, match=r"one/agent.safetensors has another checksum"):
+        load(one)
+
+
+def test_an_agent_of_the_format_before_checksums_is_read_with_a_warning(
+    agent: Agent, tmp_path: Path
+) -> None:
+    folder = agent.export(tmp_path / "old")
+    told = json.loads((folder / "agent.json").read_text())
+    del told["checksum"], told["files"], told["body"]["model_hash"], told["body"]["versions"]
+    (folder / "agent.json").write_text(json.dumps(told | {"format": 2}))
+    with pytest.warns(UserWarning, match=r"format 2, without checksums.*export it anew"):
+        old = load(folder)
+    np.testing.assert_array_equal(old.act(STATES, GOALS), agent.act(STATES, GOALS))
+    load(old.export(tmp_path / "new"))
+    # With a checksum it is none of that format, whatever it says.
+    told = json.loads((tmp_path / "new" / "agent.json").read_text())
+    (tmp_path / "new" / "agent.json").write_text(json.dumps(told | {"format": 2}))
+    with pytest.raises(EverystateError, match="has format 2 and this"):
+        load(tmp_path / "new")
+
+
+@pytest.mark.parametrize("name", envs.BODIES)
+def test_shipped_agents_learned_on_the_bodies_of_today(name: str) -> None:
+    shipped = load(name)
+    assert shipped.body.model_hash == envs.make(name, 1, 0).model_hash
+    assert body_of(shipped).name == name  # without a warning
+    other = dataclasses.replace(shipped, body=shipped.body._replace(model_hash="0" * 64))
+    with pytest.warns(UserWarning, match=f"{name} is another model than the agent learned on"):
+        body_of(other)
 
 
 def test_shipped_agents_load_by_name(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from everystate.agent import BodyInfo
 from everystate.errors import EverystateError
 from everystate.presets import preset
 from everystate.training import train
@@ -49,6 +50,6 @@ def test_a_run_whose_lock_cannot_be_had_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / ".lock").mkdir()
     with (
         pytest.raises(EverystateError, match="cannot write to"),
-        open_run(tmp_path, preset("test")),
+        open_run(tmp_path, preset("test"), BodyInfo(("x", "y"), 2)),
     ):
         pass

@@ -1,11 +1,15 @@
 """The folder of a run: whose it is, who writes to it, and what is refused before it is there."""
 
+import json
 import re
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from everystate import envs
+from everystate.agent import BodyInfo
 from everystate.errors import EverystateError
 from everystate.presets import preset
 from everystate.training import loop, train
@@ -36,14 +40,44 @@ def test_a_run_of_another_config_is_left_alone(
 
 
 def test_a_run_has_one_writer(tmp_path: Path) -> None:
-    config = preset("test")
+    run = tmp_path / "run", preset("test"), BodyInfo(("x", "y"), 2)
     with (
-        open_run(tmp_path / "run", config),
+        open_run(*run),
         pytest.raises(EverystateError, match="in use by another"),
-        open_run(tmp_path / "run", config),
+        open_run(*run),
     ):
         pass
-    with open_run(tmp_path / "run", config):
+    with open_run(*run):
+        pass
+
+
+def test_a_body_that_an_update_changed_ends_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "compiled", lambda config: idle())
+    run = quietly(run_dir=tmp_path / "run", epochs=1)
+    known = json.loads((run / "config.json").read_text())["body"]
+    assert known == {
+        "model_hash": envs.make(BODY, 1, 0).model_hash,
+        "versions": {"mujoco": version("mujoco")},
+    }
+    quietly(run_dir=run, epochs=1)
+    text = (run / "config.json").read_text()
+    (run / "config.json").write_text(text.replace(known["model_hash"], "0" * 64))
+    before = contents(run)
+    with pytest.raises(EverystateError, match=f"learned on another {BODY} than there is now"):
+        quietly(run_dir=run, epochs=1)
+    assert contents(run) == before
+
+
+def test_a_run_of_an_older_format_is_refused(tmp_path: Path) -> None:
+    run = tmp_path, preset("test"), BodyInfo(("x", "y"), 2)
+    with open_run(*run):
+        pass
+    told = json.loads((tmp_path / "config.json").read_text())
+    del told["body"]
+    (tmp_path / "config.json").write_text(json.dumps(told | {"format": 5}))
+    with pytest.raises(EverystateError, match="has format 5 and this"), open_run(*run):
         pass
 
 

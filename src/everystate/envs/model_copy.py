@@ -133,12 +133,26 @@ def _require_inside(folder: Path, model: PurePosixPath | Path, named: Path) -> N
 
 
 def _dependencies(xml: Path) -> list[Path]:
-    """The file and all that it names, however deeply: included files, meshes, textures, fields."""
+    """The file and all that it names, however deeply: included files, meshes, textures, fields.
+
+    MuJoCo's own list looks for height fields in the wrong folder. So every file is added that one
+    of the assets may mean, in the folder of any of the XML files.
+    """
     try:
-        return sorted({_absolute(Path(name)) for name in mujoco.mju_getXMLDependencies(str(xml))})
+        listed = {Path(name) for name in mujoco.mju_getXMLDependencies(str(xml))}
+        spec = mujoco.MjSpec.from_file(str(xml))
     except (mujoco.FatalError, ValueError) as error:
         problem = " ".join(str(error).split())[:300]
         raise EverystateError(f"the files that {xml} names cannot be found: {problem}") from error
+    named = {
+        Path(folder, name)
+        for asset in (*spec.meshes, *spec.hfields, *spec.textures, *spec.skins)
+        for name in (asset.file, *getattr(asset, "cubefiles", ()))
+        for folder in ("", asset.compiler.meshdir, asset.compiler.texturedir)
+        if name
+    }
+    listed |= {file.parent / name for file in listed for name in named}
+    return sorted({_absolute(file) for file in listed if file.is_file()})
 
 
 def _absolute(path: Path) -> Path:
