@@ -126,7 +126,7 @@ def test_a_copy_made_to_lead_elsewhere_is_refused(tmp_path: Path, names: str, na
     folder = tmp_path / "body"
     folder.mkdir()
     (folder / "arm.xml").write_text(EVIL.format(names))
-    (tmp_path / "secret.xml").write_text("<mujoco/>")
+    (tmp_path / "secret.xml").write_text("<mujoco><option timestep='0.003'/></mujoco>")
     (tmp_path / "secret.stl").write_bytes(mesh(0.1))
     checksum = hashlib.sha256((folder / named).read_bytes()).hexdigest()
     listed = {"model": named, "files": {named: checksum}}

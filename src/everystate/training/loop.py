@@ -70,8 +70,8 @@ def train(
 
     Raises:
         EverystateError: a wrong name or value, a run folder that is foreign, of another config or
-            body or in use, fewer devices than told, a run that stopped being finite, or another host that
-            was lost. Nothing is lost or overwritten.
+            body or in use, fewer devices than told, a run that stopped being finite, or another
+            host that was lost. Nothing is lost or overwritten.
     """
     if isinstance(config_or_body, Config):
         config = preset_of("quick", **(asdict(config_or_body) | overrides))
