@@ -94,7 +94,7 @@ def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> B
         choices = known | {"num_threads", "render_mode", *_DISTURBANCE}
         raise EverystateError(f"{body} has no option {name!r}: {suggest(name, choices)}")
     built = _built(kind, body, options)
-    if kind is JointBody:
+    if getattr(kind, "name", None) == "":
         object.__setattr__(built, "name", body)  # wherever a copy of its file lies
     return MujocoVectorEnv(
         built,
