@@ -246,7 +246,7 @@ def config_to_json(config: "DataclassInstance") -> dict[str, Any]:
 
     Where a copy of the model lies is left out: that is true of this machine only.
     """
-    values = {
+    values: dict[str, Any] = {
         name: str(x) if isinstance(x, float) and math.isinf(x) else x
         for name, x in asdict(config).items()
     }

@@ -42,10 +42,10 @@ def warn_of_another_model(agent: Agent, env: BodyVectorEnv) -> None:
     It is no error: how an agent does on another body is a fair question, if one knows of it.
     """
     body = getattr(agent, "body", None)  # a peer does not say
-    known = getattr(body, "model_hash", "")
+    known, versions = getattr(body, "model_hash", ""), getattr(body, "versions", {})
     if known and env.model_hash and known != env.model_hash:
         warnings.warn(
-            f"{env.name} is another model than the agent learned on, which had {body.versions}:"
-            " what follows is how it does on this one",
+            f"{env.name} is another model than the agent learned on (under {versions}): what"
+            " follows is how it does on this one",
             stacklevel=3,
         )
