@@ -117,7 +117,8 @@ def test_a_run_stops_names_what_was_wrong_and_keeps_it(
     with pytest.raises(
         EverystateError,
         match=r"in epoch 2, update \d+: loss/d is (nan|inf), .*"
-        r"its input minibatch.transitions.actions is nan in row \d+, component 0\. Batch and",
+        r"its input minibatch.transitions.actions is nan in row \d+, component 0\. Batch and"
+        r".* The last good checkpoint is kept in",
     ):
         everystate.train(BODY, preset="test", run_dir=run, progress=False)
     assert [line["epoch"] for line in read_metrics(run)] == [1]
@@ -129,6 +130,14 @@ def test_a_run_stops_names_what_was_wrong_and_keeps_it(
     monkeypatch.undo()
     everystate.train(BODY, preset="test", run_dir=run, progress=False)
     assert [line["epoch"] for line in read_metrics(run)] == [1, 2, 3]
+
+
+def test_a_run_that_stops_at_once_promises_no_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "compiled", functools.partial(spoiling, after=0))
+    with pytest.raises(EverystateError, match=r"in epoch 1, .* There was no checkpoint yet"):
+        everystate.train(BODY, preset="test", run_dir=tmp_path / "run", progress=False)
 
 
 def test_a_run_can_go_on_without_such_updates(

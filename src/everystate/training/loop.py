@@ -176,9 +176,8 @@ def _run(
                     "roll-back": ": no update of this epoch was finite",
                 }
                 raise EverystateError(
-                    f"training stopped {problem}. The last good checkpoint is kept in"
-                    f" {folder / 'checkpoints'}; try a lower learning_rate or gradient_clip"
-                    f"{further[config.not_finite]}"
+                    f"training stopped {problem}. {_kept(folder / 'checkpoints')}; try a lower"
+                    f" learning_rate or gradient_clip{further[config.not_finite]}"
                 )
             log.say(f"left out {problem}")
 
@@ -204,6 +203,12 @@ def _save(config: Config, env: BodyVectorEnv, folder: Path, snapshot: Snapshot) 
     agent = _agent(config, env, snapshot)
     snapshot = snapshot._replace(agent=hosts.local(snapshot.agent))
     return checkpoint.save(folder / "checkpoints", snapshot, agent, config.checkpoint_period)
+
+
+def _kept(checkpoints: Path) -> str:
+    if any(checkpoints.glob("[0-9]*")):
+        return f"The last good checkpoint is kept in {checkpoints}"
+    return "There was no checkpoint yet (a smaller checkpoint_period makes them sooner)"
 
 
 def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
