@@ -115,6 +115,8 @@ def test_a_body_whose_options_change_its_state_has_a_suite_made_on_the_spot() ->
     travelling = suites.load("ant", options=("travel=true",))
     assert travelling.name == "visited"
     assert travelling.components[:2] == ("torso_x", "torso_y")
+    assert set(travelling.position) | set(travelling.velocity) == set(travelling.components)
+    assert len(travelling.velocity) == 14
 
 
 def test_a_gymnasium_body_starts_where_its_suite_says() -> None:

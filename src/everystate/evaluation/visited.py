@@ -35,6 +35,7 @@ def on_the_spot(body: str, options: tuple[str, ...] = (), split: Split = "report
     sigma, names = env.scored(states).std(axis=0), env.state_names
     if sigma.shape != (len(names),):
         raise EverystateError(f"{body} needs a goal suite of its own: give a file of goals")
+    moving = {n for n, unit in zip(names, env.state_units, strict=True) if unit.endswith("/s")}
     spread = states.std(axis=0)
     chosen = spread_out(states / np.where(spread > 1e-6, spread, 1), _TASKS)
     starts = rng.permutation(len(physics))[: len(chosen)]
@@ -47,8 +48,8 @@ def on_the_spot(body: str, options: tuple[str, ...] = (), split: Split = "report
         components=tuple(names),
         sigma=np.where(sigma > 1e-6, sigma, 1.0),
         angular=(),
-        position=tuple(names),
-        velocity=(),
+        position=tuple(name for name in names if name not in moving),
+        velocity=tuple(name for name in names if name in moving),
         starts=tuple(physics[i] for i in starts),
         goals=states[chosen],
         weights=np.ones((len(chosen), len(names))),
