@@ -4,6 +4,7 @@ Run again on the same machine it writes the same files; the suites in the packag
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -13,11 +14,16 @@ from suites_rest import MAKERS
 from everystate.evaluation import suites
 
 
-def main(bodies: list[str], folder: Path = suites.FOLDER) -> None:
-    """Writes every suite of these bodies, or of all, in both splits."""
+SPLITS: tuple[suites.Split, ...] = get_args(suites.Split)
+
+
+def main(
+    bodies: list[str], folder: Path = suites.FOLDER, splits: Sequence[suites.Split] = SPLITS
+) -> None:
+    """Writes every suite of these bodies, or of all, in these splits."""
     for body in bodies or sorted(MAKERS):
         (folder / body).mkdir(exist_ok=True)
-        for split in get_args(suites.Split):
+        for split in splits:
             made = [MAKERS[body](split)] + ([motion(body, split)] if body in MOVES else [])
             for suite in made:
                 path = folder / body / f"{suite.name}-{split}.json"
