@@ -13,7 +13,6 @@ from suites_rest import MAKERS
 
 from everystate.evaluation import suites
 
-
 SPLITS: tuple[suites.Split, ...] = get_args(suites.Split)
 
 
