@@ -119,7 +119,8 @@ def success_by_group(suite: Mapping[str, Any]) -> Figure:
     panels = figure.subplots(1, len(EPS), sharey=True, squeeze=False)[0]
     measure, reading = suite["scored_by"].removesuffix("@0.5").split(", ")
     groups = list(suite["policy"]["score"])
-    if any(name.startswith("k=") for name in groups):  # the kinds would not find room beside them
+    by_k = any(name.startswith("k=") for name in groups)
+    if by_k:  # the kinds would not find room beside them
         groups = [name for name in groups if name.startswith("k=") or name == "all"]
     at = np.arange(len(groups))
     columns = {"policy": suite["policy"], "with planning": suite["planning"]}
@@ -133,7 +134,8 @@ def success_by_group(suite: Mapping[str, Any]) -> Figure:
             bars = ax.bar(left, heights, width * 0.94, label=name, **looks[i])
             ax.bar_label(bars, [f"{100 * h:.0f}" for h in heights], fontsize=6, padding=1)
         ax.set_title(f"within {eps:g} σ")
-        ax.set_xticks(at, groups)
+        ax.set_xticks(at, [name.removeprefix("k=") for name in groups])
+        ax.set_xlabel("k, steps from start to goal" if by_k else "")
         ax.grid(axis="x", visible=False)
         ax.set_ylim(0, 1.08)
         ax.set_yticks(np.linspace(0, 1, 6), [f"{p} %" for p in range(0, 101, 20)])
