@@ -49,7 +49,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Down to the smallest: what is not jitted is hundreds of them, anew in every module and process.
     """
-    folder = config.cache.mkdir("jax") if config.cache else None
+    cache: pytest.Cache | None = getattr(config, "cache", None)  # none under -p no:cacheprovider
+    folder = cache.mkdir("jax") if cache is not None else None
     if folder is not None and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)  # for the processes that tests start
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"

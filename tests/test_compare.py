@@ -2,7 +2,9 @@
 
 import json
 import os
+import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,9 +16,11 @@ from everystate.errors import EverystateError
 from everystate.evaluation import perturbations, raw
 from everystate.peers import CONTESTANTS, Terms, blocks, compare, contest, contestants
 from everystate.peers.agents import DoNothing, PeerConfig, RandomActions
-from everystate.peers.comparison import gather
+from everystate.peers.comparison import gather, write
 from everystate.peers.tables import table
 from everystate.presets import preset
+from everystate.training.logging import read_metrics
+from waiting import until
 
 TERMS = Terms("ramp-pointmass", minutes=1.0, preset="test", episodes=20, plan=False)
 
@@ -207,17 +211,44 @@ def test_options_of_our_agents_are_options_of_train(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_our_agent_is_stopped_when_its_time_is_over(tmp_path: Path) -> None:
-    """A run that would take hours; what it learned until then is measured, and told over steps."""
-    terms = TERMS._replace(minutes=1.0, options=("--epochs", "1000000"))
-    found = compare(terms, ["ours"], 1, tmp_path / "out")
+def test_our_agent_is_stopped_when_its_time_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run that would take hours; what it learned until then is measured, and told over steps.
+
+    Its time is over when it has looked at its success, not by the clock, which this test moves on.
+    """
+    terms = TERMS._replace(minutes=0.001, options=("--epochs", "1000000"))
+    folder = tmp_path / "out"
+    run, one = folder / "ours/seed0/run", folder / "ours/seed0"
+
+    def looks() -> list[dict[str, Any]]:
+        return [line for line in read_metrics(run) if "eval/rest/score/all" in line]
+
+    class Clocked(subprocess.Popen):
+        def communicate(self, input: Any = None, timeout: float | None = None) -> Any:
+            if timeout is None:
+                return super().communicate(input)
+            until(lambda: looks() or self.poll() is not None, seconds=900)
+            assert self.poll() is None, f"it ended by itself: {super().communicate()}"
+            raise subprocess.TimeoutExpired(self.args, timeout)
+
+    monkeypatch.setattr(
+        contest, "subprocess", SimpleNamespace(**{**vars(subprocess), "Popen": Clocked})
+    )
+    contest.play("ours", 0, terms, one)
+    (folder / "terms.json").write_text(json.dumps(terms._asdict()))
+    found = write(folder, ["ours"])
     ours = found["agents"]["ours"]
-    assert ours["steps"]["median"] == found["equal_steps"] > 0
-    assert ours["at_equal_steps"]["rest/all"]["median"] >= 0
-    assert (tmp_path / "out/comparison-minutes.png").exists()
+    assert ours["steps"]["median"] == found["equal_steps"] == read_metrics(run)[-1]["steps"] > 0
+    assert ours["at_equal_steps"]["rest/all"]["median"] == looks()[-1]["eval/rest/score/all"]
+    assert (folder / "comparison-minutes.png").exists()
+
     # Stopped between training and measuring: its time is over, so it is measured as it is.
-    (tmp_path / "out/ours/seed0/evaluation.json").unlink()
-    again = compare(terms, ["ours"], 1, tmp_path / "out")
+    (one / "evaluation.json").unlink()
+    monkeypatch.setattr(contest, "_train", None)
+    contest.play("ours", 0, terms, one)
+    again = write(folder, ["ours"])
     assert again["agents"]["ours"]["suites"] == ours["suites"]
     assert again["equal_steps"] == found["equal_steps"]
 

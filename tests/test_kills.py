@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.parametrize("kills", [2, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [5, pytest.param(10, marks=pytest.mark.slow)])
 def test_a_run_that_is_killed_ends_as_if_it_had_not_been(
     pytestconfig: pytest.Config, kills: int
 ) -> None:
