@@ -37,9 +37,7 @@ test: setup  ## run the fast tests (TESTS=tests/test_x.py and PYTEST_ARGS narrow
 	$(BIN)/python -m pytest $(PYTEST_ARGS) $(TESTS)
 
 coverage: setup  ## run the fast tests and write which share of src/ they reach
-	$(BIN)/python -m pytest $(PYTEST_ARGS) --cov=everystate --cov-report= $(TESTS)
-	$(BIN)/coverage report > results/trust/coverage.txt
-	@tail -n 1 results/trust/coverage.txt
+	$(BIN)/python tests/covered.py $(PYTEST_ARGS) $(TESTS)
 
 test-slow: setup  ## run the tests that take more than seconds
 	$(BIN)/python -m pytest -m "slow and not browser and not peers and not scale" $(PYTEST_ARGS) $(TESTS)

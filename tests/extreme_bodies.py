@@ -1,11 +1,13 @@
-"""Bodies that numbers break on, and a run of each: `python tests/extreme_bodies.py [EPOCHS]`.
+"""Bodies that numbers break on, and a run of each.
+
+    python tests/extreme_bodies.py [EPOCHS] [--out FILE]
 
 All are points in a box, whose observation is something else: in units of 1e12 and 1e-12 at once,
-with a component that never changes, that jumps, or that is there twice. Trains by `quick`; the last
-line is one JSON object, kept for 20 epochs in results/trust/extreme-bodies.json.
+with a component that never changes, that jumps, or that is there twice. Trains by `quick`; FILE
+gets the last epoch of each: results/trust/extreme-bodies.json, of 20.
 """
 
-import json
+import argparse
 import sys
 import tempfile
 from collections.abc import Callable
@@ -53,10 +55,15 @@ for _name in OBSERVED:
 def main() -> None:
     """One run of each."""
     import everystate
+    from everystate.evaluation import raw
     from everystate.training.logging import read_metrics
 
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("epochs", type=int, nargs="?", default=20)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+
     sys.modules["extreme_bodies"] = sys.modules[__name__]  # by which name they are made
-    epochs = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     result = {}
     for name in OBSERVED:
         with tempfile.TemporaryDirectory() as folder:
@@ -64,13 +71,14 @@ def main() -> None:
                 f"extreme_bodies:{name}-v0",
                 run_dir=Path(folder) / "run",
                 progress=False,
-                epochs=epochs,
+                epochs=options.epochs,
             )
             last = read_metrics(run)[-1]
         kept = ("epoch", "update/taken", "loss/f", "loss/d", "loss/V", "loss/pi", "loss/c")
         result[name] = {key: last[key] for key in kept}
         print(name, result[name], flush=True)
-    print(json.dumps(result))
+    if options.out is not None:
+        raw.write(options.out, {"preset": "quick", "seed": 0, "bodies": result}, replace=True)
 
 
 if __name__ == "__main__":

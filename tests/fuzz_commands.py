@@ -1,14 +1,17 @@
-"""No command line is a traceback: `python tests/fuzz_commands.py [EXAMPLES]`.
+"""No command line is a traceback.
+
+    python tests/fuzz_commands.py [EXAMPLES] [--out FILE]
 
 Puts words together, known and unknown, and types them: each is done, or refused in one line. What
-takes its time is left out: a run is begun, and ends before its first epoch.
+takes its time is left out: a run is begun, and ends before its first epoch. FILE gets how many
+there were: results/trust/fuzz-commands.json.
 """
 
+import argparse
 import contextlib
 import io
 import os
 import shutil
-import sys
 import tempfile
 from dataclasses import fields
 from pathlib import Path
@@ -18,6 +21,7 @@ from hypothesis import strategies as st
 
 from everystate import cli, evaluation, peers, viewing
 from everystate.cli import options
+from everystate.evaluation import raw
 from everystate.peers import blocks, comparison
 from everystate.training import loop
 from everystate.viewing import studio
@@ -88,7 +92,11 @@ def a_command_line(line: list[str]) -> None:
 
 def main() -> None:
     """So many of them."""
-    examples = int(sys.argv[1]) if len(sys.argv) > 1 else 500
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("examples", type=int, nargs="?", default=500)
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    examples: int = arguments.examples
     for module, name in (
         (loop, "_run"),
         (blocks, "_run"),
@@ -102,6 +110,7 @@ def main() -> None:
         (studio, "studio"),
     ):
         setattr(module, name, lambda *_, **__: None)
+    back = os.getcwd()
     os.chdir(FOLDER)
     try:
         settings(max_examples=examples, deadline=None, derandomize=True, database=None)(
@@ -109,7 +118,10 @@ def main() -> None:
         )()
         print(f"{examples} command lines, none of them a traceback")
     finally:
+        os.chdir(back)
         shutil.rmtree(FOLDER)
+    if arguments.out is not None:
+        raw.write(arguments.out, {"command_lines": examples, "tracebacks": 0}, replace=True)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,17 @@
-"""A damaged file is read or refused, never a traceback: `python tests/fuzz_files.py [EXAMPLES]`.
+"""A damaged file is read or refused, never a traceback.
+
+    python tests/fuzz_files.py [EXAMPLES] [--out FILE]
 
 Damages agents, goal suites, and the configs, metrics, samples and checkpoints of runs, and fails
 with the shortest damage that is neither read nor refused by an `EverystateError`. It runs in a
-process of its own, as users do: under pytest types are checked that are not checked elsewhere.
+process of its own, as users do: under pytest types are checked that are not checked elsewhere. FILE
+gets how many there were: results/trust/fuzz-files.json.
 """
 
+import argparse
 import json
 import resource
 import shutil
-import sys
 import tempfile
 import warnings
 import zipfile
@@ -25,7 +28,7 @@ from everystate.agent import BodyInfo
 from everystate.envs import make
 from everystate.envs.model_copy import copied_model, copy_model
 from everystate.errors import EverystateError
-from everystate.evaluation import suites
+from everystate.evaluation import raw, suites
 from everystate.presets import preset
 from everystate.training import checkpoint
 from everystate.training.collection import read_samples
@@ -261,7 +264,11 @@ CHECKS = (
 
 def main() -> None:
     """Every kind of file, so many times each."""
-    examples = int(sys.argv[1]) if len(sys.argv) > 1 else 500
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("examples", type=int, nargs="?", default=500)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    examples: int = options.examples
     try:
         bombs()
         before = peak()
@@ -271,6 +278,10 @@ def main() -> None:
         grown = peak() - before
         assert grown < MEMORY, f"reading them took {grown} bytes"
         print(f"most memory taken beyond the start's: {grown / 1e6:.0f} MB")
+        if options.out is not None:
+            kinds = [check.__name__ for check in CHECKS]
+            said = {"examples_each": examples, "kinds": kinds, "tracebacks": 0}
+            raw.write(options.out, said | {"megabytes_taken": round(grown / 1e6)}, replace=True)
     finally:
         shutil.rmtree(FOLDER)
 

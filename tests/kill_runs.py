@@ -1,12 +1,15 @@
-"""Kills a training run over and over, and loses nothing: `python tests/kill_runs.py [KILLS]`.
+"""Kills a training run over and over, and loses nothing.
+
+    python tests/kill_runs.py [KILLS] [--out FILE]
 
 A short run is killed (SIGKILL) at random moments and started again by the same command, until it
 was killed so often; then it may finish. Its metrics, but for their times, and its last checkpoint
 must be, bit for bit, those of a run that nobody disturbed. Moments are drawn evenly from the two
 epochs, checkpoint writes included, after the first that was logged; one in eight from a start.
-The last line is one JSON object; what is kept of 100 kills is in results/trust/kills.json.
+The last line is one JSON object, and what FILE gets: results/trust/kills.json, of 100 kills.
 """
 
+import argparse
 import json
 import os
 import random
@@ -18,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from everystate.evaluation import raw
 from everystate.presets import preset
 from everystate.training import checkpoint
 from everystate.training.checkpoint import _to_arrays
@@ -80,7 +84,11 @@ def last_state(run: Path, epochs: int) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    kills = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("kills", type=int, nargs="?", default=100)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    kills: int = options.kills
     epochs, rng = 4 * kills + 5, random.Random(kills)
     os.environ["JAX_PLATFORMS"] = "cpu"
     during = {"its start": 0, "an epoch": 0, "a checkpoint write": 0}
@@ -101,7 +109,10 @@ def main() -> None:
         damaged = [p.name for p in (killed / "checkpoints").glob("damaged-*")]
     same_state = one.keys() == other.keys() and not differing
     said = {"kills": kills, "during": during, "epochs": epochs, "same_metrics": same}
-    print(json.dumps(said | {"same_state": same_state, "damaged_checkpoints": len(damaged)}))
+    said |= {"same_state": same_state, "damaged_checkpoints": len(damaged)}
+    print(json.dumps(said))
+    if options.out is not None:
+        raw.write(options.out, said, replace=True)
     if not (same and same_state) or damaged:
         raise SystemExit(1)
 

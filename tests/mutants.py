@@ -3,9 +3,10 @@
 Changes one place of a module at a time (a number, an operator, a comparison, ... as Cosmic Ray
 does), in a copy, and runs the module's own tests there; the rest of the suite would kill some of
 those that they let live, but takes too long for so many. Draws so many mutants of every module
-below. Writes results/trust/mutants.json as it goes, in which those that lived can be read, and goes
-on from there, unless the module has changed since; given `--survivors`, it judges anew those that
-lived, as tests may have been added. Needs the extra `mutation`.
+below. Writes results/trust/mutants.json as it goes, in which those that lived can be read, and the
+commit whose tests judged each; goes on from there where that was this commit. Given `--survivors`,
+it judges anew those that lived, as tests may have been added, and all of a module that has changed.
+Needs the extra `mutation`.
 """
 
 import argparse
@@ -26,6 +27,9 @@ from typing import NamedTuple
 from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
+
+from everystate.evaluation import raw
+from everystate.evaluation.provenance import commit
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULT = ROOT / "results" / "trust" / "mutants.json"
@@ -93,7 +97,7 @@ def judge(mutant: Mutant, copy: Path) -> dict[str, object]:
     finally:
         path.write_text(whole)
     lines = difflib.unified_diff(whole.splitlines(), changed.splitlines(), lineterm="", n=0)
-    return {"killed": killed, "diff": [*lines][2:]}
+    return {"killed": killed, "commit": commit(), "diff": [*lines][2:]}
 
 
 def name(mutant: Mutant) -> str:
@@ -110,8 +114,7 @@ def write(judged: dict[str, dict[str, object]]) -> str:
     for module in TESTS:
         of_it = [one["killed"] for name, one in judged.items() if name.startswith(module)]
         said[module] = f"{sum(map(bool, of_it))} of {len(of_it)}"
-    RESULT.parent.mkdir(parents=True, exist_ok=True)
-    RESULT.write_text(json.dumps(said | {"judged": judged}, indent=1) + "\n")
+    raw.write(RESULT, said | {"judged": judged}, replace=True)
     return json.dumps(said)
 
 
@@ -131,6 +134,8 @@ def main() -> None:
     judged = {key: one for key, one in before.items() if key in drawn}
     if options.survivors:
         judged = {key: one for key, one in judged.items() if one["killed"]}
+    else:
+        judged = {key: one for key, one in judged.items() if one.get("commit") == commit()}
     copies: Queue[Path] = Queue()
     with tempfile.TemporaryDirectory() as folder:
         for i in range(len(os.sched_getaffinity(0))):

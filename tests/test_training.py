@@ -7,6 +7,7 @@ import functools
 import itertools
 import json
 import logging
+import os
 import shutil
 import signal
 import subprocess
@@ -144,6 +145,29 @@ def test_an_interrupted_run_ends_as_if_it_had_not_been(
     for run in (straight, resumed):
         assert (run / "samples" / "000004.npz").exists()
     assert contents(straight)["samples/000004.npz"] == contents(resumed)["samples/000004.npz"]
+
+
+def test_a_run_that_is_compiled_as_users_do_is_resumed_bit_for_bit(tmp_path: Path) -> None:
+    """The fast tests leave most optimisations out, and types are checked in them."""
+    straight, resumed = tmp_path / "straight", tmp_path / "resumed"
+    as_users = {k: x for k, x in os.environ.items() if k != "JAX_DISABLE_MOST_OPTIMIZATIONS"}
+    script = (
+        "import sys; import jax; import everystate\n"
+        "assert not jax.config.jax_disable_most_optimizations\n"
+        f"everystate.train({BODY!r}, preset='test', progress=False, run_dir=sys.argv[1])"
+    )
+
+    def run(folder: Path) -> None:
+        subprocess.run([sys.executable, "-c", script, str(folder)], check=True, env=as_users)
+
+    run(straight)
+    shutil.copytree(straight, resumed)
+    shutil.rmtree(resumed / "checkpoints" / "000003")
+    run(resumed)
+    assert [line["epoch"] for line in read_metrics(resumed)] == [1, 2, 3]
+    assert timeless(resumed) == timeless(straight)
+    name = "checkpoints/000003/state.safetensors"
+    assert contents(resumed)[name] == contents(straight)[name]
 
 
 def test_a_run_says_what_it_did(trained: tuple[Path, list[int]]) -> None:

@@ -1,4 +1,4 @@
-"""What a result file says about where it comes from: command, commit, machine, versions."""
+"""What a result file says about where it comes from: command, commit, machine, versions, date."""
 
 import os
 import platform
@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ def provenance() -> dict[str, Any]:
             "system": platform.system(),
         },
         "versions": {"python": platform.python_version()} | _versions(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
 
 
