@@ -58,7 +58,7 @@ def test_a_pendulum_comes_to_rest_where_it_is_told_and_passes_what_play_found(
     """Gymnasium's, by `quick` as it is, for a tenth of its epochs.
 
     Asked for are 20 angles up to 0.3 rad from hanging, each held by a torque of its own (its motor
-    holds up to 0.4), and the states of random play, half of them in swift motion, to be passed. It
+    holds up to 0.4), and the states of random play, in motion too, to be passed. It
     is not asked to stand upright.
     """
     body = "gymnasium:Pendulum-v1"
