@@ -48,7 +48,7 @@ def ways(agent: Agent, plan: bool) -> tuple[Float[np.ndarray, "ways steps 29"], 
     """The most different ways to goals, farthest first by their states' means and spreads."""
     suite = suites.load("ant").subset(GOALS)
     env = make("ant", GOALS, 0)
-    states = rollout(agent, env, suite, plan=plan, seed=0)[: STEPS + 1]
+    states = rollout(agent, env, suite.begin(env, 0), suite.goals, STEPS, plan=plan, seed=0)
     scaled = states / env.scaling.spread
     told = np.concatenate([scaled.mean(axis=0), scaled.std(axis=0)], axis=1)
     nearest = np.linalg.norm(told - told.mean(axis=0), axis=1)

@@ -54,12 +54,11 @@ def test_trains_resumes_evaluates_and_reports(body: str, tmp_path: Path) -> None
     everystate.train(body, run_dir=killed, **SHORT)
     assert timeless(killed) == whole
 
-    result = evaluation.evaluate(run, episodes=8)
+    result = evaluation.evaluate(run, plan=True, episodes=8)
     assert result["body"] == body
-    assert result["goals"] == 8
-    again = evaluation.evaluate(killed, episodes=8)
-    for reading in ("success", "success_plan", "calibration"):
-        assert again[reading] == result[reading], "the agents are the same, and so is what they do"
+    assert {suite["tasks"] for suite in result["suites"].values()} == {8}
+    again = evaluation.evaluate(killed, plan=True, episodes=8)
+    assert again["suites"] == result["suites"], "the agents are the same, and so is what they do"
     if body in ("cartpole", "gymnasium:Pendulum-v1"):
         placeable = body == "cartpole"
         assert ("only live" in viewing.report(run, result).read_text()) != placeable
@@ -71,10 +70,10 @@ def test_options_of_a_body_are_kept_with_its_agent(tmp_path: Path) -> None:
     run = everystate.train("cartpole", run_dir=tmp_path / "run", body_options=options, **SHORT)
     agent = everystate.load(run)
     assert agent.config.body_options == options
-    found = evaluation.evaluate(run, plan=False)["success"]["all"]["1"]["fraction"]
+    found = evaluation.evaluate(run, suite="rest")["suites"]["rest"]["policy"]["closest"]
     plain = dataclasses.replace(agent.config, body_options=())
     elsewhere = dataclasses.replace(agent, config=plain)
-    light = evaluation.evaluate(elsewhere, plan=False)["success"]["all"]["1"]["fraction"]
+    light = evaluation.evaluate(elsewhere, suite="rest")["suites"]["rest"]["policy"]["closest"]
     assert found != light, "it was measured on the body that it learned"
 
 

@@ -43,7 +43,8 @@ def measure(
     options = parse_options(agent.config.body_options) | dict(world or {})
     env = make(suite.body, len(suite.goals), seed, **options)
     warn_of_another_model(agent, env)
-    states = rollout(agent, env, suite, plan=plan, seed=seed)
+    begun, steps = suite.begin(env, seed), int(suite.horizons.max())
+    states = rollout(agent, env, begun, suite.goals, steps, plan=plan, seed=seed)
     apart = apart_from(env, suite, states[1:])
     horizons, groups, weights = suite.horizons, suite.groups, suite.weights
     position = suite.mask(suite.position)
@@ -71,16 +72,22 @@ def measure(
 
 
 def rollout(
-    agent: Agent, env: BodyVectorEnv, suite: Suite, *, plan: bool, seed: int
-) -> Float[np.ndarray, "steps tasks state"]:
-    """States of bodies sent from the suite's starts to its goals; no episode rule.
+    agent: Agent,
+    env: BodyVectorEnv,
+    observations: Float[np.ndarray, "envs state"],
+    goals: Float[np.ndarray, "envs state"],
+    steps: int,
+    *,
+    plan: bool,
+    seed: int,
+) -> Float[np.ndarray, "_ envs state"]:
+    """States [steps + 1, envs, state] of bodies sent to goals from where they are.
 
-    The first are the starts; there are as many more as the longest horizon has steps.
+    `observations` are what the bodies observe there; no episode rule ends the way.
     """
-    observations = suite.begin(env, seed)
-    goals = suite.goals.astype(np.float32)
+    goals = np.asarray(goals, dtype=np.float32)
     states = [observations]
-    for step in range(int(suite.horizons.max())):
+    for step in range(steps):
         actions = agent.act(observations, goals, plan=plan, seed=step_seed(seed, step))
         observations, _, _, _, info = env.step(actions)
         states.append(info.get("final_obs", observations))

@@ -1,4 +1,4 @@
-"""What a result file says about where it comes from: command, commit, machine, versions, date."""
+"""What a result file says about where it comes from: command, commit, machine, versions."""
 
 import os
 import platform
@@ -6,7 +6,6 @@ import re
 import shlex
 import subprocess
 import sys
-from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,6 @@ def provenance() -> dict[str, Any]:
             "system": platform.system(),
         },
         "versions": {"python": platform.python_version()} | _versions(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
 
 

@@ -47,7 +47,8 @@ def attempts(
 ) -> tuple[Float[np.ndarray, "steps goals state"], Float[np.ndarray, " goals"]]:
     """States of all tasks of a suite, and when those held at the end were first reached, or NaN."""
     bodies = make(suite.body, len(suite.goals), 0, **parse_options(agent.config.body_options))
-    states = rollout(agent, bodies, suite, plan=plan, seed=0)
+    begun, steps = suite.begin(bodies, 0), int(suite.horizons.max())
+    states = rollout(agent, bodies, begun, suite.goals, steps, plan=plan, seed=0)
     distance = metrics.largest(apart_from(bodies, suite, states[1:]), suite.weights)
     came = metrics.first_steps(distance, suite.horizons, 0.5)
     held = metrics.readings(distance, suite.horizons, 0.5)["end"] > 0
