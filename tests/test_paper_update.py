@@ -42,6 +42,10 @@ SIZES: dict[str, Any] = {
     "num_updates": 10,
     "target_period": 10,
 }
+NARROW: dict[str, dict[str, Any]] = {
+    "literal": {},
+    "paper": {"gradient_clip": 2.0, "max_gradient_step": 0.1},  # So that they are met.
+}
 TIGHT: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
 NAMES = dict(zip(Models._fields, ("f", "d", "pi", "c", "V"), strict=True))
 """The paper's names of our models."""
@@ -259,35 +263,41 @@ def minibatch(batch: Any) -> paper.Minibatch:
     return paper.Minibatch(s, g, tuple(map(np.asarray, given)), g_t)
 
 
-def compare(name: str) -> Both:
-    """The third update of a preset, by both: the first two give Adam its moments."""
-    config = preset(name, **SIZES)
+@functools.cache
+def updated(name: str) -> tuple[Config, Any, Any, paper.Chance]:
+    """The third update of a preset, as the first two give Adam its moments, and its chance."""
+    config = preset(name, **SIZES, **NARROW[name])
     before = begun(config)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         before, update = doubled(before), eqx.filter_jit(watched)
         for i in range(2):
             before, *_ = update(config, before, jax.random.key(i))
         key = jax.random.key(2)
-        ours = update(config, before, key)
-        random = chance(config, key)
-    before, ours = as_numpy((before, ours))
-    after, metrics, batch, (next_states, outcomes), gradients = ours
-    models, V_targ = jax.tree.map(
-        lambda x: x.astype(complex) if x.dtype == np.float64 else x,
-        (before.models, before.target_value),
-    )
-    add = stabilisers(config, before)
-    page = paper.update(
-        as_models(models),
-        as_mlp(V_targ.network),
-        minibatch(batch),
-        random,
-        hyperparameters(config),
-        add,
-    )
+        after = update(config, before, key)
+        return config, as_numpy(before), as_numpy(after), chance(config, key)
+
+
+def on_the_page(models: Models, add: paper.Stabilisers, ours: tuple[Any, ...]) -> paper.Update:
+    """The same update by the page, with the models that may be differentiated."""
+    config, before, (_, _, batch, *_), random = ours
+    V_targ = as_mlp(as_complex(before.target_value).network)
+    drawn, hyper = minibatch(batch), hyperparameters(config)
+    return paper.update(as_models(models), V_targ, drawn, random, hyper, add)
+
+
+def compare(name: str) -> Both:
+    """That update by both."""
+    ours = config, before, after, _ = updated(name)
+    models, add = as_complex(before.models), stabilisers(config, before)
+    page = on_the_page(models, add, ours)
+    after, metrics, batch, (next_states, outcomes), gradients = after
     return Both(
         config, before, after, metrics, batch, next_states, outcomes, gradients, models, page, add
     )
+
+
+def as_complex(tree: Any) -> Any:
+    return jax.tree.map(lambda x: x.astype(complex) if x.dtype == np.float64 else x, tree)
 
 
 def as_numpy(tree: Any) -> Any:
@@ -411,3 +421,21 @@ def test_an_epoch_is_one_copy_of_v_its_updates_and_a_decay(monkeypatch: pytest.M
     assert int(after.copies) == int(state.copies) + 1
     weights = paper.decayed(np.exp(state.replay.states.log), hyperparameters(config))
     np.testing.assert_allclose(np.exp(after.replay.states.log), weights, rtol=1e-6)
+
+
+def test_nothing_that_paper_adds_is_idle():
+    """Without any of its stabilisers the page comes to something else."""
+    ours = config, before, (_, metrics, *_), _ = updated("paper")
+    models, add = as_complex(before.models), stabilisers(config, before)
+
+    def result(add: paper.Stabilisers) -> Any:
+        page = on_the_page(models, add, ours)
+        return page.terms, np.array([x.outcomes for x in page.improvements]).tolist()
+
+    with_all = result(add)
+    for switch, off in paper.Stabilisers._field_defaults.items():
+        if switch != "largest_norm":
+            assert result(add._replace(**{switch: off})) != with_all, switch
+    norms = [metrics[f"gradient/{field}"] for field in Models._fields]
+    assert min(norms) < add.largest_norm < max(norms)
+    assert stabilisers(preset("literal"), before) == paper.Stabilisers()
