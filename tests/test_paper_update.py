@@ -44,7 +44,7 @@ SIZES: dict[str, Any] = {
 }
 OF_PRESET: dict[str, dict[str, Any]] = {
     "literal": {},
-    "paper": {"max_gradient_step": 0.1},  # At its 1 no step here is too long.
+    "paper": {"max_gradient_step": 0.005},  # At its 1 no step here is too long.
 }
 TIGHT: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
 NAMES = dict(zip(Models._fields, ("f", "d", "pi", "c", "V"), strict=True))
