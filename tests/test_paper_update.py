@@ -236,7 +236,9 @@ def as_flow(encoder: Any, network: Any = None) -> paper.Flow:
 
 def as_models(models: Models) -> paper.Models:
     """The page's models, as views of ours."""
-    d, pi, c = models.dynamics.change, models.policy.flow, models.curriculum
+    # Of a union of which only one kind is ever the paper's.
+    flows: tuple[Any, ...] = models.dynamics.change, models.policy.flow, models.curriculum
+    d, pi, c = flows
     return paper.Models(
         f=as_flow(models.state_flow.bijection),
         d=as_flow(d.encoder, d.network),
@@ -366,7 +368,8 @@ def test_a_model_steps_down_its_loss_by_adam(both: Both, field: str):
         np.testing.assert_allclose(x, dx, **TIGHT, err_msg=path)
     assert all((x == 0).all() for _, x, learned in ours if not learned)
 
-    moments = both.before.optimisers[at][1][0]
+    state: Any = both.before.optimisers[at]  # optax has a type for any tree there may be
+    moments = state[1][0]
     m, v = ([x for _, x, learned in arrays(of) if learned] for of in (moments.mu, moments.nu))
     adam = paper.Adam(m, v, int(moments.count))
     assert adam.t == 2
