@@ -6,10 +6,13 @@ ant-planning.json), others by `everystate compare ... --out results/peers/BODY`,
 MuJoCo finds by `python experiments/ceilings.py BODY motion`.
 """
 
+from functools import partial
 from typing import Any
 
-from table_cells import NONE, RESULTS, Rows, Run, at, middle, read, table, values
+from table_cells import NONE, RESULTS, TABLES, Rows, Run, at, middle, read, table, values
 from table_ramp import climbs
+
+from everystate.evaluation import suites
 
 BODIES = {"ramp-pointmass": "Ramp", "cartpole": "Cartpole", "ant": "Ant"}
 PEERS = {
@@ -94,52 +97,10 @@ def skills(body: str) -> Rows:
     return [["skill", *rows], *cells]
 
 
-@table
-def ramp_rest() -> Rows:
-    """Ramp Pointmass, the suite `rest`."""
-    return suite("ramp-pointmass", "rest")
-
-
-@table
-def cartpole_rest() -> Rows:
-    """Cartpole, the suite `rest`."""
-    return suite("cartpole", "rest")
-
-
-@table
-def cartpole_motion() -> Rows:
-    """Cartpole, the suite `motion`."""
-    return suite("cartpole", "motion")
-
-
-@table
-def ant_rest() -> Rows:
-    """Ant, the suite `rest`."""
-    return suite("ant", "rest")
-
-
-@table
-def ant_motion() -> Rows:
-    """Ant, the suite `motion`."""
-    return suite("ant", "motion")
-
-
-@table
-def ramp_skills() -> Rows:
-    """Ramp Pointmass: starts from which each skill succeeded."""
-    return skills("ramp-pointmass")
-
-
-@table
-def cartpole_skills() -> Rows:
-    """Cartpole: starts from which each skill succeeded."""
-    return skills("cartpole")
-
-
-@table
-def ant_skills() -> Rows:
-    """Ant: starts from which each skill succeeded."""
-    return skills("ant")
+for _body in BODIES:
+    TABLES[f"{_body}-skills"] = partial(skills, _body)
+    for _name in suites.names(_body):
+        TABLES[f"{_body}-{_name}"] = partial(suite, _body, _name)
 
 
 @table
