@@ -1,6 +1,7 @@
 """What the package needs is said once, and raw results are as they were made."""
 
 import hashlib
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -64,9 +65,20 @@ def frozen() -> dict[Path, str]:
     return {RESULTS / path: digest for digest, path in (line.split("  ", 1) for line in lines)}
 
 
+def beside_evaluations() -> dict[Path, str]:
+    """SHA-256 of the metrics and the acting parts of agents, as their evaluation has them."""
+    found = {}
+    for path in RESULTS.rglob("evaluation.json"):
+        result = json.loads(path.read_text())
+        kept = {f"acting/{name}": digest for name, digest in result.get("acting", {}).items()}
+        kept |= {"metrics.jsonl": result["metrics"]} if "metrics" in result else {}
+        found |= {path.parent / name: digest for name, digest in kept.items()}
+    return found
+
+
 def test_results_are_as_their_programs_wrote_them() -> None:
-    """Each has a header with a hash, or is listed with its hash since before there were headers."""
-    listed = frozen()
+    """Each has a header with a hash, or its hash stands in a file that has, or in the manifest."""
+    listed = frozen() | beside_evaluations()
     for path in data_files():
         if path in listed:
             found = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -81,6 +93,6 @@ def test_every_listed_result_is_there() -> None:
 
 
 def test_results_name_no_folder_of_one_machine() -> None:
-    foreign = re.compile(r"(?<![\w.])/(?:work|home|root)/")
+    foreign = re.compile(rb"(?<![\w.])/(?:work|home|root)/")
     for path in data_files():
-        assert not foreign.search(path.read_text()), path
+        assert not foreign.search(path.read_bytes()), path
