@@ -7,8 +7,9 @@ takes the place of an old one only when the old folder was removed.
 
     python experiments/ship_agent.py --renew cartpole
 
-writes a shipped agent anew, in the format of today: the same arrays, settings and scores, and what
-the model of its body compiles to today. Before that, see that the model has not changed.
+writes a shipped agent anew, in the format of today: the same arrays and settings, what the model of
+its body compiles to today, and the scores of an `--evaluation` or else those it has. Before that,
+see that the model has not changed.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import dataclasses
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import everystate
 from everystate import envs, evaluation
@@ -31,10 +33,10 @@ def main() -> None:
     parser.add_argument("run", type=Path, nargs="?")
     parser.add_argument("name")
     parser.add_argument("--renew", action="store_true", help="write the shipped agent anew")
-    parser.add_argument("--evaluation", type=Path, help="a result of `evaluate --skills --json`")
+    parser.add_argument("--evaluation", type=Path, help="a result of `evaluate --skills --out`")
     options = parser.parse_args()
     if options.renew:
-        return renew(AGENTS / options.name)
+        return renew(AGENTS / options.name, options.evaluation)
     if options.run is None:
         parser.error("give a RUN, or --renew")
     agent = everystate.load(options.run)
@@ -46,18 +48,25 @@ def main() -> None:
     scores = {
         "command": f"everystate train {agent.config.body} --seed {agent.config.seed}",
         "trained_with": config.get("versions", {}),
-        "score": result["score"],
-        "suites": {name: one["policy"]["score"] for name, one in result["suites"].items()},
-        "skills": result["skills"],
+        **told(result),
     }
     print(agent.export(AGENTS / options.name, scores))
 
 
-def renew(folder: Path) -> None:
+def told(result: dict[str, Any]) -> dict[str, Any]:
+    """What an agent keeps of its evaluation."""
+    suites = {name: one["policy"]["score"] for name, one in result["suites"].items()}
+    return {"score": result["score"], "suites": suites, "skills": result["skills"]}
+
+
+def renew(folder: Path, evaluated: Path | None) -> None:
     """Writes a shipped agent anew."""
     agent = everystate.load(folder)
     env = envs.make(agent.config.body, 1, 0, **envs.parse_options(agent.config.body_options))
     scores = json.loads((folder / "agent.json").read_text())["scores"]
+    if evaluated:
+        kept = {name: scores[name] for name in ("command", "trained_with")}
+        scores = kept | told(json.loads(evaluated.read_text()))
     agent = dataclasses.replace(agent, body=info(agent.config, env))
     draft = agent.export(folder.with_name(f"{folder.name}-renewed"), scores)
     shutil.rmtree(folder)
