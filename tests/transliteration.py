@@ -281,13 +281,7 @@ def improve(
         A_cand.append(np.clip(a + add.limited(grad), -1, 1))
     # Select a_best = argmax_a min_eps [r + V_targ]; eps are the same for all candidates.
     outcomes = np.array(
-        [
-            [
-                returns(models, V_targ, models.next(s, a, eps), g, hyper, add).real
-                for eps in chance.eps
-            ]
-            for a in A_cand
-        ]
+        [returns(models, V_targ, models.next(s, a, chance.eps), g, hyper, add).real for a in A_cand]
     )
     best = outcomes.min(axis=1).argmax()
     # Compute v_targ = 1/N sum [r + V_targ], where s'_i = d(s, a_best; eps_i) [misprint 3].
