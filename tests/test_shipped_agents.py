@@ -52,3 +52,10 @@ def test_it_does_its_skills(agent: Agent) -> None:
     for name, least in SKILLS[body].items():
         _, done = evaluation.perform(agent, skill(body, name), plan=False)
         assert done.mean() >= least, name
+
+
+def test_the_cartpole_balances_by_planning_too() -> None:
+    _, done = evaluation.perform(
+        load("cartpole"), skill("cartpole", "balance"), plan=True, starts=5
+    )
+    assert done.all()  # as from all of 100 starts

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from everystate import cli, evaluation, load
+from everystate import cli, evaluation
 from everystate.agent import Performance
 from everystate.config import Config
 from everystate.envs import BODIES, make
@@ -221,14 +221,6 @@ def test_a_performance_goes_from_goal_to_goal() -> None:
         performance(np.zeros((4, 2), dtype=np.float32))
     assert list(dict.fromkeys(goals)) == [(0.75, 0.8), (0.75, -0.8), (-0.3, -0.3)]
     assert len(goals) == 150
-
-
-@pytest.mark.slow
-def test_the_cartpole_that_comes_along_balances_and_spins_both_ways() -> None:
-    agent = load("cartpole")
-    for name in ("balance", "spin-left", "spin-right"):
-        _, ok = evaluation.perform(agent, skill("cartpole", name), plan=True, seed=3, starts=5)
-        assert ok.all(), name
 
 
 def test_what_is_not_there_is_named() -> None:
