@@ -115,4 +115,6 @@ def test_a_peer_is_trained_and_compared(tmp_path: Path) -> None:
     assert "rest/all" in found["at_equal_steps"]
     again = rescore("ramp-pointmass", tmp_path / "out")["agents"]
     for name, agent in agents.items():
-        assert again[name]["suites"] == agent["suites"], name
+        for what in ("score", "success", "closest"):  # not what its critic, which is not kept, says
+            found = (one["suites"]["rest"]["policy"][what] for one in (again[name], agent))
+            assert next(found) == next(found), (name, what)
