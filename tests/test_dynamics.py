@@ -23,8 +23,11 @@ class Halfway(Dynamics):
         self.change: Any = None
         self.change_scale = SCALE
 
-    def __call__(self, state, action):
-        return Normal(state + action / 2, SPREAD)
+    def central(self, state, action):
+        return state + action / 2
+
+    def fitted(self, state, action):
+        return Normal(self.central(state, action), SPREAD)
 
 
 def loss(**fields):

@@ -9,6 +9,7 @@ import pytest
 from flowjax.distributions import Normal
 
 from everystate.learning.imagination import imagined_returns
+from everystate.learning.objectives import objective
 from everystate.presets import preset
 
 STEP, CERTAIN = 0.2, jnp.full(2, 1e-6)  # how far an action of 1 leads; no noise to speak of
@@ -22,11 +23,11 @@ def world(dynamics=lambda s, a: Normal(s + STEP * a, CERTAIN)):
 
 def policy(gain):
     """Heads for the goal."""
-    return lambda s, g: Normal(gain * (g - s), CERTAIN)
+    return lambda s, g: gain * (g - s)
 
 
 def value(s, g):
-    return -3 * jnp.linalg.norm(s - g)
+    return -3 * jnp.linalg.norm(s - g)[None]
 
 
 def configured(**fields):
@@ -36,7 +37,8 @@ def configured(**fields):
 
 def both(config, gain, models=None, floor=NO_FLOOR):
     models, key = models or world(), jax.random.key(0)
-    returns = imagined_returns(config, models, policy(gain), value, floor, STATES, GOALS, key=key)
+    aim = objective(config, floor)
+    returns = imagined_returns(config, models, policy(gain), value, aim, STATES, GOALS, key=key)
     return jax.tree.map(jnp.mean, returns)
 
 
@@ -54,7 +56,7 @@ def by_hand(config, gain, steps, absorb):
             near = np.exp(-config.k * ((state - goal) ** 2).sum())
             total += weight * (near - 1)
             weight *= config.discount * (1 - absorb * near**config.absorb_power)
-        totals.append(total + weight * float(value(jnp.array(state), jnp.array(goal))))
+        totals.append(total + weight * float(value(jnp.array(state), jnp.array(goal))[0]))
     return np.mean(totals)
 
 
@@ -76,11 +78,12 @@ def test_its_gradient_leads_to_the_goal():
 def test_a_policy_beyond_all_actions_is_led_back_but_no_further_out(beyond):
     def loss(action, goal):
         def acts(s, g):
-            return Normal(jnp.full_like(s, action), CERTAIN)
+            return jnp.full_like(s, action)
 
         key, config = jax.random.key(0), configured(imagined_steps=2)
         pair = jnp.zeros((1, 2)), jnp.full((1, 2), goal)
-        returns = imagined_returns(config, world(), acts, value, NO_FLOOR, *pair, key=key)
+        aim = objective(config)
+        returns = imagined_returns(config, world(), acts, value, aim, *pair, key=key)
         return -returns.climbed.mean()
 
     slope = jax.grad(loss)

@@ -11,12 +11,12 @@ from flowjax.distributions import Normal
 
 from everystate.config import Config
 from everystate.learning import policy
+from everystate.learning.objectives import objective
 from everystate.learning.policy import improve, score
 from everystate.presets import preset
 
 # Two sizes for all tests, so that each operation compiles twice at most.
 FEW, MANY = {"j": 20, "N": 5}, {"j": 500, "N": 20}
-NO_FLOOR = jnp.array(-jnp.inf)
 
 
 def configured(**fields: Any) -> Config:
@@ -51,9 +51,13 @@ def scored(monkeypatch, config, models, value, state, goal, key):
 
 
 def improved(config, models, value, state, goal, key):
-    """Of one state and one goal."""
-    key = jax.random.key(key)
-    result = improve(config, models, value, state[None], goal[None], NO_FLOOR, key=key)
+    """Of one state and one goal, V having one head."""
+    key, aim = jax.random.key(key), objective(config)
+
+    def heads(s, g):
+        return value(s, g)[None]
+
+    result = improve(config, models, heads, aim, state[None], goal[None], key=key)
     return jax.tree.map(lambda x: x[0], result)
 
 
@@ -88,7 +92,7 @@ def test_improvement_finds_the_known_best_action(monkeypatch, pessimism):
     config = configured(**FEW, pessimism=pessimism, max_gradient_step=10.0)
     result, _ = scored(monkeypatch, config, known, quadratic, state, goal, key=0)
     np.testing.assert_allclose(result.action, best, atol=2e-3)
-    assert float(result.value) == pytest.approx(0, abs=1e-3)
+    assert float(result.heads[0]) == pytest.approx(0, abs=1e-3)
     # Without gradients, candidates must lie near it by chance.
     config = configured(**MANY, pessimism=pessimism, gradient_step=0.0)
     result, _ = scored(monkeypatch, config, models(linear(0.01)), quadratic, state, goal, key=1)
@@ -139,7 +143,7 @@ def test_equal_candidates_share_their_noise_and_so_their_score(monkeypatch):
     assert returns.shape == (80, 5)
     np.testing.assert_array_equal(returns[:40], returns[40:])
     assert np.all(np.diff(returns, axis=1) != 0)  # But the N rollouts differ.
-    assert float(result.value) == pytest.approx(returns[returns.min(axis=1).argmax()].mean())
+    assert float(result.heads[0]) == pytest.approx(returns[returns.min(axis=1).argmax()].mean())
 
 
 def along(slope):
@@ -185,7 +189,7 @@ def test_pessimism_avoids_what_pays_only_on_average(monkeypatch):
         )
         chosen[name] = float(result.action[0])
         best = returns[score(config, jnp.asarray(returns)).argmax()]
-        assert float(result.value) == pytest.approx(best.mean(), abs=1e-5)
+        assert float(result.heads[0]) == pytest.approx(best.mean(), abs=1e-5)
     assert chosen["min"] == pytest.approx(0, abs=0.1)
     assert chosen["percentile"] == pytest.approx(0, abs=0.1)
     assert chosen["median"] > 0.8
@@ -209,4 +213,4 @@ def test_reaching_the_goal_is_what_pays():
     flat = lambda state, goal: jnp.zeros(())  # noqa: E731
     result = improved(config, models(linear(1e-3)), flat, state, state + B @ best, key=7)
     np.testing.assert_allclose(result.action, best, atol=0.15)
-    assert -0.05 < float(result.value) <= 0
+    assert -0.05 < float(result.heads[0]) <= 0

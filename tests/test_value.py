@@ -12,6 +12,7 @@ import pytest
 from everystate.learning.losses import value_loss
 from everystate.learning.models import Models
 from everystate.learning.networks import Value, waves
+from everystate.learning.objectives import objective
 from everystate.learning.rewards import closeness, placing
 from everystate.learning.value import backup, lowest, steps
 from everystate.presets import preset
@@ -107,7 +108,7 @@ def trained(config, copies, updates):
 
     The chain: one place to the left, to the right, or none, with walls at both ends.
     """
-    value = Value(1, relative=True, width=16, depth=2, frequencies=3, key=jax.random.key(0))
+    value = Value(1, inputs="difference", width=16, depth=2, frequencies=3, key=jax.random.key(0))
     models = only(value)
     states, goals = (x.ravel() for x in jnp.meshgrid(jnp.arange(6.0), jnp.arange(6.0)))
     adam = optax.adam(config.learning_rate)
@@ -116,7 +117,7 @@ def trained(config, copies, updates):
         def after(move):
             next_state, goal_state = scaled(jnp.clip(state + move, 0, PLACES - 1)), scaled(goal)
             near = closeness(config, next_state, goal_state)
-            return backup(config, near, target_value(next_state, goal_state), floor)
+            return backup(config, near, target_value(next_state, goal_state)[0], floor)
 
         return jnp.stack([after(move) for move in (-1, 0, 1)])
 
@@ -131,7 +132,8 @@ def trained(config, copies, updates):
 
             def loss(arrays):
                 new = models._replace(value=eqx.combine(arrays, static))
-                return value_loss(config, new, scaled(states), scaled(goals), targets)
+                pairs = scaled(states), scaled(goals)
+                return value_loss(config, objective(config), new, *pairs, targets[:, None])
 
             gradient = jax.grad(loss)(arrays)
             change, optimiser = adam.update(gradient, optimiser)
@@ -171,18 +173,20 @@ def test_the_loss_adds_the_value_at_the_goals():
     config = preset("test", goal_value_weight=0.5)
 
     def value(state, goal):
-        return state[0] - 2 * goal[0]
+        return state[:1] - 2 * goal[:1]
 
     models = only(value)
     states, goals = jnp.array([[1.0], [3.0]]), jnp.array([[0.0], [2.0]])
-    loss = value_loss(config, models, states, goals, jnp.array([0.0, 1.0]))
+    targets = jnp.array([[0.0], [1.0]])
+    loss = value_loss(config, objective(config), models, states, goals, targets)
     errors, at_goals = np.array([1.0, -2.0]), np.array([0.0, -2.0])
     assert float(loss) == pytest.approx((errors**2).mean() + 0.5 * (at_goals**2).mean())
 
 
 def test_relative_errors_count_less_where_there_is_far_to_go():
-    models = only(lambda state, goal: state[0] - 2 * goal[0])
+    models = only(lambda state, goal: state[:1] - 2 * goal[:1])
     states, goals = jnp.array([[1.0], [-30.0]]), jnp.zeros((2, 1))
     config = preset("test", goal_value_weight=0.0, relative_errors=True)
-    loss = value_loss(config, models, states, goals, jnp.array([0.0, -39.0]))
+    targets = jnp.array([[0.0], [-39.0]])
+    loss = value_loss(config, objective(config), models, states, goals, targets)
     assert float(loss) == pytest.approx((1.0 / (1 + 0) + 81.0 / (1 + 39)) / 2)

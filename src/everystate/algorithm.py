@@ -17,6 +17,7 @@ from everystate.config import Config
 from everystate.learning import episodes as ep
 from everystate.learning import guard
 from everystate.learning import replay as rb
+from everystate.learning.averages import averaged
 from everystate.learning.curriculum import replaced
 from everystate.learning.flows import decode
 from everystate.learning.goals import choose_goals
@@ -24,10 +25,12 @@ from everystate.learning.keys import named
 from everystate.learning.losses import gradients
 from everystate.learning.models import Models, Scale, new_models, new_optimisers, step
 from everystate.learning.networks import Value
+from everystate.learning.objectives import objective
 from everystate.learning.policy import Policy, improve
 from everystate.learning.practice import practise
 from everystate.learning.replay import Transitions
 from everystate.learning.sharding import joined, split
+from everystate.learning.units import Units, grown
 from everystate.learning.value import lowest
 
 Metrics = dict[str, Float[Array, "*updates"]]
@@ -45,6 +48,12 @@ class AgentState(NamedTuple):
     key: PRNGKeyArray
     epoch: Int[Array, ""]
     copies: Int[Array, ""]  # Of V to V_targ.
+    average: Models | None  # Of the weights; None: there is none [D35].
+
+    @property
+    def kept(self) -> Models:
+        """What makes the agent that is kept."""
+        return self.average or self.models
 
 
 class Actor(NamedTuple):
@@ -93,6 +102,7 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
         key=key,
         epoch=zero,
         copies=zero,
+        average=models if config.averaged else None,
     )
     return observe(config, empty, warmup)
 
@@ -146,13 +156,18 @@ def act(
     Some may wander: they act at random for an epoch [D22].
     """
     states = actor.scale.scaled(observations)
-    values = jax.vmap(actor.value)(states, episodes.goals)
+    aim = objective(config)
+
+    def value(s: Array, g: Array) -> Float[Array, ""]:
+        return aim.worth(aim.read(actor.value(s, g)))
+
+    values = jax.vmap(value)(states, episodes.goals)
     episodes, over = ep.advance(config, episodes, states, values)
-    new_values = jax.vmap(actor.value)(states, draws.goals)
+    new_values = jax.vmap(value)(states, draws.goals)
     episodes = ep.restart(episodes, over, draws.goals, new_values)
 
     def sample(s: Array, g: Array, z: Array) -> Float[Array, " a"]:
-        return jnp.clip(decode(actor.policy(s, g), z), -1, 1)
+        return jnp.clip(actor.policy.at(s, g, z), -1, 1)
 
     actions = jax.vmap(sample)(states, episodes.goals, draws.latents)
     if draws.wanders is not None and draws.anywhere is not None:
@@ -197,6 +212,10 @@ def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics, guar
         fine = guard.finite(metrics)
         fault = guard.first(fault, number, batch, fine)
         taken = fine if config.not_finite == "roll-back" else fault.update < 0
+        if state.average is not None:
+            count = state.epoch * config.num_updates + number
+            average = averaged(config, state.average, after.models, count)
+            after = after._replace(average=guard.chosen(taken, average, state.average))
         after = after._replace(
             models=guard.chosen(taken, after.models, state.models),
             optimisers=guard.chosen(taken, after.optimisers, state.optimisers),
@@ -218,6 +237,9 @@ def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics, guar
     metrics["update/taken"] = taken.mean(dtype=jnp.float32)
     metrics |= rb.replay_metrics(config, state.replay)
     metrics |= ep.episode_metrics(state.episodes)
+    if config.units == "running":
+        state, changes = in_grown_units(config, state)
+        metrics |= changes
     state = state._replace(
         replay=rb.decay_states(state.replay, config.half_life),
         episodes=state.episodes._replace(tally=jnp.zeros(3)),
@@ -226,12 +248,28 @@ def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics, guar
     return state, metrics, fault
 
 
+def in_grown_units(config: Config, state: AgentState) -> tuple[AgentState, Metrics]:
+    """The same in larger units, if the body has outgrown the old ones [D33]."""
+    now = Units(
+        state.scale, state.replay, state.episodes.goals, state.models, state.average
+    )
+    units, metrics = grown(config, now, key=named(state.key, "units", state.epoch))
+    return state._replace(
+        scale=units.scale,
+        replay=units.replay,
+        episodes=state.episodes._replace(goals=units.goals),
+        models=units.models,
+        average=units.average,
+    ), metrics
+
+
 def update_once(
     config: Config, state: AgentState, *, key: PRNGKeyArray
 ) -> tuple[AgentState, Metrics, guard.Batch]:
     """The body of Algorithm 1's `for update`, with all models stepping at once [D11]."""
     models = state.models
-    drawn = joined(config, rb.sample(config, state.replay, key=named(key, "replay")))
+    unit = models.dynamics.change_scale
+    drawn = joined(config, rb.sample(config, state.replay, unit, key=named(key, "replay")))
     minibatch = split(config, drawn)
     states, goals, t = minibatch.states, minibatch.goals, minibatch.transitions
 
@@ -249,20 +287,29 @@ def update_once(
         goals = jnp.where(pursued, t.goals, goals)
         minibatch = minibatch._replace(goals=goals)
 
-    # a_best and v_targ for each (s, g).
-    floor = lowest(config, state.copies)
+    # a_best and v_targ for each (s, g), or for the first of them.
+    aim = objective(config, lowest(config, state.copies))
+    imagines = state.kept.dynamics
+    some = slice(config.improved_pairs)
     improvement = improve(
-        config, models, state.target_value, starts, goals, floor, key=named(key, "improve")
+        config,
+        models._replace(dynamics=imagines),
+        state.target_value,
+        aim,
+        starts[some],
+        goals[some],
+        key=named(key, "improve"),
     )
 
     gradient, losses = gradients(
         config,
         models,
+        imagines,
         minibatch,
         starts,
         improvement,
         state.target_value,
-        floor,
+        aim,
         key=named(key, "losses"),
     )
     norms = {f"gradient/{n}": optax.tree.norm(getattr(gradient, n)) for n in Models._fields}
@@ -272,10 +319,11 @@ def update_once(
     )
     lp_goal, lp_before, lp_after = joined(config, (lp_goal, lp_before, lp_after))
     replay = rb.refresh(config, state.replay, drawn, -lp_goal, -lp_before - lp_after)
+    targets = jax.vmap(aim.worth)(improvement.heads)
     metrics = {f"loss/{name}": loss for name, loss in losses.items()} | norms | practice
     metrics |= {
-        "value/target": improvement.value.mean(),
-        "value/target_min": improvement.value.min(),
+        "value/target": targets.mean(),
+        "value/target_min": targets.min(),
         "policy/best_from_policy": improvement.from_policy.mean(),
         "policy/evaluated": improvement.evaluated.mean(),
         "policy/off_support": improvement.off_support.max(),
@@ -285,5 +333,5 @@ def update_once(
     return (
         state,
         metrics,
-        guard.Batch(drawn._replace(goals=goals), starts, improvement.action, improvement.value),
+        guard.Batch(drawn._replace(goals=goals), starts, improvement.action, targets),
     )

@@ -37,9 +37,21 @@ class Config:
     """Where the m come from: decoded from f (paper); drawn from the goal buffer, evenly over the
     space visited [D17]; visited states, each as likely as any other; or the box of all states."""
 
+    rare_share: float = 1.0
+    """Share of the goals that are the least likely of m (4.1); the others are any visited [D32]."""
+    calm_share: float = 0.0
+    """Share of those others, and of goals learned from, that hardly changed in a step [D32]."""
+
+    # --- Units ---
+    units: Literal["fixed", "running"] = "fixed"
+    """Of states: the body's own, or the spread of what was visited, which grows with it [D33]."""
+
     # --- Reward (4.2) ---
     k: float = 100.0
     """k: shaping of the reward -1 + exp(-k |dz|^2)."""
+    kernel_width: float = 0.0
+    """If above 0, k is 1 / (n width^2): the width of the reward is a root mean square over the n
+    components, so that it means the same in any number of dimensions [D34]."""
     reward_space: Literal["latent", "state", "steps"] = "latent"
     """Where |dz| is taken: latent space of f (paper); scaled states, which stay put [D9]; or these
     in units of what a step changes each component by [D27]."""
@@ -69,6 +81,9 @@ class Config:
     """Whether reaching ends the count of what the policy climbs, as it does V's [D10], [D25]."""
     imagined_targets: float = 0.0
     """Share of the same return in V's targets; the rest is eq. 2's [D26]."""
+    improved_share: float = 1.0
+    """Share of a minibatch for which candidates are compared; below 1 V's targets are all
+    imagined [D26]."""
     hindsight: bool = True
     """Also fit pi(a|s,g) to transitions, with g a state reached later (2.3)."""
     hindsight_steps: int = 1
@@ -102,6 +117,9 @@ class Config:
     """Share of the pairs (s, g) in which a body at s was on its way to g [D24]."""
 
     # --- Value (4.3) ---
+    objective: Literal["paper-sum", "hit-and-stay"] = "paper-sum"
+    """What V counts: the sum of rewards (paper), or how well and soon a goal is met, and for how
+    long it is held [D31]."""
     bound_value: bool = True
     """V_targ is held below 0, and targets are within -(copies + 1) and 0 [D4]."""
     discount: float = 1.0
@@ -148,6 +166,11 @@ class Config:
     """Adam's step size; twice the paper's in `quick` [D15]."""
     cooldown: float = 0.0
     """Share of the run, at its end, over which Adam's step size falls to a tenth [D16]."""
+    rate_halving: float = math.inf
+    """Epochs t after which the step size has halved: it falls as 1 / (1 + epoch / t) [D35]."""
+    averaged: float = 0.0
+    """Share of the run so far over which weights are averaged, for the agent that is kept and for
+    the d that imagines; 0: none [D35]."""
     gradient_clip: float = math.inf
     """Largest gradient norm, for each model on its own [D6]."""
     epochs: int = 100
@@ -162,6 +185,10 @@ class Config:
     """Octaves of sines and cosines that join every MLP's inputs; the paper has none [D13]."""
     relative_goals: bool = False
     """V and pi see g - s in the place of g [D20]."""
+    both_goals: bool = False
+    """V and pi see g and g - s [D20]."""
+    centres: bool = False
+    """d and pi are a centre, a network of its own, and a flow around it [D36]."""
     flow: FlowFamily = "pldu"
     """Family of the four flows: the paper's, or one of FlowJAX's."""
     state_layers: int = 20
@@ -196,6 +223,11 @@ class Config:
     """What an update with a loss or gradient that is not finite does: stop the run, or leave the
     models as they were and go on with the next."""
 
+    @property
+    def improved_pairs(self) -> int:
+        """Of a minibatch, those for which candidates are compared."""
+        return max(1, round(self.improved_share * self.batch_size))
+
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(Config).items():
             require_kind(name, getattr(self, name), kind)
@@ -217,6 +249,18 @@ class Config:
                 f"devices = {self.devices} does not divide batch_size = {self.batch_size}: choose "
                 f"a divisor, or a batch_size of {_multiple(self.batch_size, self.devices)}, so "
                 f"that every device has as many examples"
+            )
+        if self.improved_share < 1 and self.imagined_targets < 1:
+            raise EverystateError(
+                f"improved_share = {self.improved_share} leaves pairs without a target of their "
+                f"own, and imagined_targets = {self.imagined_targets} does not give them all one: "
+                f"set one of the two to 1"
+            )
+        if self.improved_pairs % self.devices:
+            raise EverystateError(
+                f"devices = {self.devices} does not divide the {self.improved_pairs} pairs that "
+                f"improved_share = {self.improved_share} of batch_size = {self.batch_size} makes: "
+                f"choose an improved_share or a batch_size that gives a multiple of it"
             )
         ring = self.num_bodies * max(self.steps_per_epoch, self.warmup_steps)
         if self.capacity % self.num_bodies or self.capacity < 2 * ring:

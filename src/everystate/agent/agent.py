@@ -21,11 +21,10 @@ from everystate.agent.performance import Performance
 from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
-from everystate.learning.flows import decode
 from everystate.learning.goals import imagined, least_likely
+from everystate.learning.objectives import objective
 from everystate.learning.planning import Planning
 from everystate.learning.planning import plan as search
-from everystate.learning.value import steps
 
 SHIPPED = Path(__file__).parents[1] / "agents"
 
@@ -85,19 +84,20 @@ class Agent:
         return goals * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
 
     def value(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
-        """V(s, g): the sum of rewards that the agent expects on its way (4.2), at most 0."""
+        """V(s, g): what the agent expects on its way, in steps, at most 0 (4.2) [D31]."""
         states, goals, single = self._pairs(observation, goal)
-        return _returned(_values(self.models, states, goals), single)
+        heads = _heads(self.config, self.models, states, goals)
+        return _returned(jax.vmap(objective(self.config).worth)(heads), single)
 
     def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
-        """About how many control steps each state is from its goal: -V(s, g) (4.2) [D18].
+        """About how many control steps each state is from its goal: -V(s, g) (4.2) [D18], [D31].
 
         The reward is that of the state arrived at, so the step onto the goal costs nothing: from
         afar the true value is one step less than the distance.
         """
         states, goals, single = self._pairs(observation, goal)
-        values = _values(self.models, states, goals)
-        return _returned(steps(self.config, values), single)
+        heads = _heads(self.config, self.models, states, goals)
+        return _returned(objective(self.config).steps(heads), single)
 
     def log_density(self, state: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """log p_f(s): how much of its life the agent has lately spent around each state.
@@ -171,8 +171,7 @@ def _act(
     models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
 ) -> Float[Array, "n a"]:
     def central(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
-        policy = models.policy(state, goal)
-        return jnp.clip(decode(policy, jnp.zeros(policy.shape)), -1, 1)
+        return jnp.clip(models.policy.central(state, goal), -1, 1)
 
     return jax.vmap(central)(states, goals)
 
@@ -200,10 +199,10 @@ def _propose(m: int, models: Models, keys: Key[Array, " n"]) -> Float[Array, "n 
 
 
 @eqx.filter_jit
-def _values(
-    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
-) -> Float[Array, " n"]:
-    return jax.vmap(models.value)(states, goals)
+def _heads(
+    config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+) -> Float[Array, "n heads"]:
+    return jax.vmap(objective(config).read)(jax.vmap(models.value)(states, goals))
 
 
 @eqx.filter_jit

@@ -5,6 +5,7 @@ A conditional flow is a network that, given its condition, returns a distributio
 are drawn or scored.
 """
 
+from abc import abstractmethod
 from typing import Any
 
 import equinox as eqx
@@ -12,13 +13,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flowjax import flows as flowjax_flows
-from flowjax.bijections import AbstractBijection, Invert, RationalQuadraticSpline
+from flowjax.bijections import AbstractBijection, Chain, Invert, RationalQuadraticSpline
 from flowjax.distributions import AbstractTransformed, StandardNormal, Transformed
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import FlowFamily
 from everystate.learning.bijections import PLDU, SmoothPReLU, pldu_encoder
-from everystate.learning.networks import Network
+from everystate.learning.networks import Network, small_at_first
 
 # Latent space to data space, and back: the two directions of a flow, under the paper's names.
 
@@ -61,7 +62,47 @@ def state_flow(
     return Transformed(StandardNormal((size,)), _flowjax_bijection(family, size, None, layers, key))
 
 
-class ConditionalFlow(eqx.Module):
+class Onwards(AbstractBijection):
+    """x -> start + scale * x.
+
+    FlowJAX's `Affine` checks its scale by a callback to the host, and a program with callbacks is
+    not kept in the compile cache.
+    """
+
+    start: Float[Array, " n"]
+    scale: Float[Array, " n"]
+    shape: tuple[int, ...] = eqx.field(static=True)
+    cond_shape: None = eqx.field(static=True)
+
+    def __init__(self, start: Float[Array, " n"], scale: Float[Array, " n"]) -> None:
+        self.start, self.scale = start, scale
+        self.shape, self.cond_shape = start.shape, None
+
+    def transform_and_log_det(self, x, condition=None):
+        return self.start + self.scale * jnp.asarray(x), jnp.log(self.scale).sum()
+
+    def inverse_and_log_det(self, y, condition=None):
+        return (jnp.asarray(y) - self.start) / self.scale, -jnp.log(self.scale).sum()
+
+
+class Conditional(eqx.Module):
+    """A distribution given a condition: d, pi and c."""
+
+    @abstractmethod
+    def __call__(self, condition: Float[Array, " c"]) -> AbstractTransformed:
+        """The distribution given one condition."""
+
+    def central(self, condition: Float[Array, " c"]) -> Float[Array, " n"]:
+        """The most central value, z = 0."""
+        flow = self(condition)
+        return decode(flow, jnp.zeros(flow.shape))
+
+    def fitted(self, condition: Float[Array, " c"]) -> AbstractTransformed:
+        """The distribution, as a likelihood may change it."""
+        return self(condition)
+
+
+class ConditionalFlow(Conditional):
     """A PLDU flow whose log d, log alpha and log beta move with a condition (B.1).
 
     The network's output is added to learned unconditional values; L and U stay unconditioned.
@@ -87,16 +128,11 @@ class ConditionalFlow(eqx.Module):
             size, layers, shifted=shifted, conditioned=True, alternate=alternate, key=key_encoder
         )
         outputs = sum(p.size for p in _elementwise_parameters(self.encoder))
-        start = Network(condition_size, outputs, key=key_network, **network)
-        # Small last weights: at first the flow hardly depends on its condition.
-        self.network = eqx.tree_at(
-            lambda n: (n.mlp.layers[-1].weight, n.mlp.layers[-1].bias),
-            start,
-            replace_fn=lambda x: 0.01 * x,
+        self.network = small_at_first(
+            Network(condition_size, outputs, key=key_network, **network)
         )
 
     def __call__(self, condition: Float[Array, " c"]) -> AbstractTransformed:
-        """The distribution given one condition."""
         parameters = _elementwise_parameters(self.encoder)
         ends = np.cumsum([parameter.size for parameter in parameters])
         moves = jnp.split(self.network(condition), ends[:-1])
@@ -132,14 +168,55 @@ class _Given(AbstractBijection):
         return self.bijection.inverse_and_log_det(y, self.condition)
 
 
-class FlowJAXConditionalFlow(eqx.Module):
+class FlowJAXConditionalFlow(Conditional):
     """One of FlowJAX's conditional flows behind the interface of `ConditionalFlow`."""
 
     bijection: AbstractBijection
 
     def __call__(self, condition: Float[Array, " c"]) -> AbstractTransformed:
-        """The distribution given one condition."""
         return Transformed(StandardNormal(self.bijection.shape), _Given(self.bijection, condition))
+
+
+class Centred(Conditional):
+    """A centre, found by a network of its own, and a conditional flow around it [D36].
+
+    So the centre can be fitted by a squared error or a return, and the spread by a likelihood,
+    and neither moves the parameters of the other.
+    """
+
+    centre: Network
+    around: Conditional
+
+    def __init__(
+        self,
+        size: int,
+        condition_size: int,
+        around: Conditional,
+        *,
+        key: PRNGKeyArray,
+        **network: int,
+    ) -> None:
+        """A centre near 0 at first, in the middle of `around`, a flow on R^size."""
+        self.centre = small_at_first(Network(condition_size, size, key=key, **network))
+        self.around = around
+
+    def __call__(self, condition: Float[Array, " c"]) -> AbstractTransformed:
+        return self._about(self.centre(condition), condition)
+
+    def central(self, condition: Float[Array, " c"]) -> Float[Array, " n"]:
+        """The centre."""
+        return self.centre(condition)
+
+    def fitted(self, condition: Float[Array, " c"]) -> AbstractTransformed:
+        """The distribution, whose centre no likelihood moves."""
+        return self._about(jax.lax.stop_gradient(self.centre(condition)), condition)
+
+    def _about(
+        self, centre: Float[Array, " n"], condition: Float[Array, " c"]
+    ) -> AbstractTransformed:
+        spread = self.around(condition).bijection
+        moved = Onwards(centre, jnp.ones_like(centre))
+        return Transformed(StandardNormal(centre.shape), Chain([spread, moved]))
 
 
 def conditional_flow(
@@ -152,7 +229,7 @@ def conditional_flow(
     alternate: bool = True,
     key: PRNGKeyArray,
     **network: int,
-) -> ConditionalFlow | FlowJAXConditionalFlow:
+) -> Conditional:
     """A density on R^size given a condition in R^condition_size: d, pi and c."""
     if family == "pldu":
         return ConditionalFlow(

@@ -10,13 +10,17 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.learning import replay as rb
 from everystate.learning.flows import decode
+from everystate.learning.keys import named
 from everystate.learning.models import Models
 
 
 def choose_goals(
     config: Config, models: Models, replay: rb.Replay, *, key: PRNGKeyArray
 ) -> Float[Array, "bodies s"]:
-    """For every body, the least likely under f of m goals from where the config says (4.1)."""
+    """For every body, the least likely under f of m goals from where the config says (4.1).
+
+    Or, for `1 - rare_share` of them, any state visited, or one that was passed slowly [D32].
+    """
     flow, count = models.state_flow, config.num_bodies * config.m
     if config.goals == "imagined":
         goals = imagined(flow, count, key=key)
@@ -26,7 +30,14 @@ def choose_goals(
         goals = uniform(count, flow.shape[0], key=key)
     else:
         goals = rb.any_visited(replay, count, key=key)
-    return jax.vmap(lambda g: least_likely(flow, g))(goals.reshape(config.num_bodies, config.m, -1))
+    goals = goals.reshape(config.num_bodies, config.m, -1)
+    rarest = jax.vmap(lambda g: least_likely(flow, g))(goals)
+    if config.rare_share == 1:
+        return rarest
+    unit = models.dynamics.change_scale
+    others = rb.goal_slots(config, replay, unit, config.num_bodies, key=named(key, "others"))
+    rare = jax.random.bernoulli(named(key, "rare"), config.rare_share, (config.num_bodies, 1))
+    return jnp.where(rare, rarest, replay.transitions.next_observations[others])
 
 
 def imagined(state_flow: AbstractTransformed, m: int, *, key: PRNGKeyArray) -> Float[Array, "m s"]:

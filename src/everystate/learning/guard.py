@@ -17,10 +17,10 @@ class Batch(NamedTuple):
     minibatch: Minibatch
     starts: Float[Array, "batch s"]
     """s_i, some replaced by the curriculum."""
-    best_actions: Float[Array, "batch a"]
-    """a_best for each (s_i, g_i)."""
-    targets: Float[Array, " batch"]
-    """v_targ for each (s_i, g_i)."""
+    best_actions: Float[Array, "improved a"]
+    """a_best for the first (s_i, g_i), or for all."""
+    targets: Float[Array, " improved"]
+    """v_targ for these."""
 
 
 class Fault(NamedTuple):
@@ -45,7 +45,9 @@ def no_fault(config: Config, transitions: Transitions) -> Fault:
     slots = jnp.zeros(config.batch_size, jnp.int32)
     drawn = Transitions(*map(row, transitions))
     minibatch = Minibatch(states(), states(), drawn, states(), slots, slots)
-    batch = Batch(minibatch, states(), row(transitions.actions), jnp.zeros(config.batch_size))
+    improved = config.improved_pairs
+    actions = jnp.zeros((improved, transitions.actions.shape[-1]))
+    batch = Batch(minibatch, states(), actions, jnp.zeros(improved))
     return Fault(jnp.full((), -1, jnp.int32), batch, {})
 
 

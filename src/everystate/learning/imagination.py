@@ -12,8 +12,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.flows import decode
+from everystate.learning.objectives import Objective
 from everystate.learning.rewards import closeness, placing
-from everystate.learning.value import bounded, remaining
 
 _FAR = 8.0
 """Scaled units. d has seen nothing like it, and its gradients there have no end."""
@@ -42,16 +42,16 @@ class Imagined(NamedTuple):
 
     climbed: Float[Array, " batch"]
     """Reaching may end no count here, as in planning: so the policy cares for what comes after."""
-    counted: Float[Array, " batch"]
-    """Reaching ends the count as V has it [D10]."""
+    counted: Float[Array, "batch heads"]
+    """What V's heads are before these steps: reaching ends the count as V has it [D10]."""
 
 
 def imagined_returns(
     config: Config,
     models: Any,
-    policy: Callable,
+    policy: Callable[[Float[Array, " s"], Float[Array, " s"]], Float[Array, " a"]],
     target_value: Callable,
-    floor: Float[Array, ""],
+    aim: Objective,
     states: Float[Array, "batch s"],
     goals: Float[Array, "batch s"],
     *,
@@ -64,9 +64,9 @@ def imagined_returns(
     Args:
         config: hyper-parameters.
         models: anything with `state_flow` and `dynamics`, as in `Models`.
-        policy: pi, which acts at every step, by its centre, as the agent will.
+        policy: the centre of pi, which acts at every step, as the agent will.
         target_value: V_targ(s, g).
-        floor: lowest value that V_targ can have [D4].
+        aim: what V counts.
         states: s, scaled.
         goals: g, scaled.
         key: of the samples of d.
@@ -74,25 +74,14 @@ def imagined_returns(
 
     def of_one(state: Float[Array, " s"], goal: Float[Array, " s"], key: PRNGKeyArray) -> Imagined:
         def step(state: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
-            actions = policy(state, goal)
-            action = within(decode(actions, jnp.zeros(actions.shape)))
-            outcomes = models.dynamics(state, action)
+            outcomes = models.dynamics(state, within(policy(state, goal)))
             after = decode(outcomes, jax.random.normal(key, outcomes.shape))
             after = jnp.clip(after, -_FAR, _FAR)
             return after, closeness(config, place(after), place(goal))
 
         last, near = jax.lax.scan(step, state, jax.random.split(key, steps))
-        value = bounded(config, target_value(last, goal), floor)
-
-        def worth(remains: Float[Array, " steps"]) -> Float[Array, ""]:
-            """Of each step such a share of what comes after it."""
-            weights = jnp.cumprod(jnp.concatenate([jnp.ones(1), remains]))
-            return weights @ jnp.append(near - 1, value)
-
-        counted = worth(remaining(config, near))
-        if config.imagined_absorb:
-            return Imagined(counted, counted)
-        return Imagined(worth(jnp.full(steps, config.discount)), counted)
+        heads = aim.read(target_value(last, goal))
+        return Imagined(aim.climbed(near, heads), aim.counted(near, heads))
 
     place, steps = placing(config, models), config.imagined_steps
     return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states)))

@@ -8,11 +8,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
-from everystate.learning.flows import decode
 from everystate.learning.imagination import imagined_returns
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
 from everystate.learning.networks import Value
+from everystate.learning.objectives import Objective
 from everystate.learning.policy import Improvement
 from everystate.learning.replay import Minibatch, Transitions
 
@@ -20,11 +20,12 @@ from everystate.learning.replay import Minibatch, Transitions
 def gradients(
     config: Config,
     models: Models,
+    imagines: Dynamics,
     minibatch: Minibatch,
     starts: Float[Array, "batch s"],
     improvement: Improvement,
     target_value: Value,
-    floor: Float[Array, ""],
+    aim: Objective,
     *,
     key: PRNGKeyArray,
 ) -> tuple[Models, dict[str, Float[Array, ""]]]:
@@ -35,14 +36,15 @@ def gradients(
     Args:
         config: hyper-parameters.
         models: f, d, pi, c, V.
+        imagines: the d that imagines [D35].
         minibatch: from the replay buffers.
         starts: s_i, some replaced by the curriculum.
-        improvement: a_best and v_targ for each (s_i, g_i).
+        improvement: a_best and v_targ for the first of the (s_i, g_i), or for all.
         target_value: V_targ(s, g).
-        floor: lowest value that V_targ can have [D4].
+        aim: what V counts.
         key: for the noise floors [D3], and for what is imagined [D25].
     """
-    goals = minibatch.goals
+    goals, some = minibatch.goals, slice(len(improvement.action))
 
     def noisy(x: Float[Array, "batch n"], name: str, sd: float) -> Float[Array, "batch n"]:
         return x + sd * jax.random.normal(named(key, name), x.shape)
@@ -52,25 +54,32 @@ def gradients(
         parts = {
             "f": -new.state_flow.log_prob(noisy(minibatch.states, "f", config.state_noise)).mean(),
             "d": dynamics_loss(config, new.dynamics, minibatch.transitions, key=named(key, "d")),
-            "pi": policy_loss(new, starts, goals, noisy(improvement.action, "pi", sd=action_sd)),
-            "c": curriculum_loss(new, goals, noisy(starts, "c", config.state_noise), weights),
+            "pi": policy_loss(
+                new, starts[some], goals[some], noisy(improvement.action, "pi", sd=action_sd)
+            ),
+            "c": curriculum_loss(
+                new, goals[some], noisy(starts[some], "c", config.state_noise), weights
+            ),
         }
-        targets = improvement.value
+        targets = improvement.heads
         if config.imagined_weight or config.imagined_targets:
             imagined = imagined_returns(
                 config,
-                models,
-                new.policy,
+                models._replace(dynamics=imagines),
+                new.policy.central,
                 target_value,
-                floor,
+                aim,
                 starts,
                 goals,
                 key=named(key, "imagined"),
             )
             parts["imagined"] = -config.imagined_weight * imagined.climbed.mean()
             counted = jax.lax.stop_gradient(imagined.counted)
-            targets += config.imagined_targets * (counted - targets)
-        parts["V"] = value_loss(config, new, starts, goals, targets)
+            if config.imagined_targets == 1:
+                targets = counted
+            else:
+                targets += config.imagined_targets * (counted - targets)
+        parts["V"] = value_loss(config, aim, new, starts, goals, targets)
         if config.hindsight:
             t = minibatch.transitions
             parts["hindsight"] = policy_loss(
@@ -82,8 +91,10 @@ def gradients(
         return jnp.stack(list(parts.values())).sum(), parts
 
     action_sd = config.action_noise
-    errors = (jax.vmap(models.value)(starts, goals) - improvement.value) ** 2
-    weights = curriculum_weights(config, errors, improvement.value)
+    worth = jax.vmap(aim.worth)
+    wanted = worth(improvement.heads)
+    errors = (worth(jax.vmap(aim.read)(values(models, starts[some], goals[some]))) - wanted) ** 2
+    weights = curriculum_weights(config, errors, wanted)
     (_, parts), gradient = jax.value_and_grad(total, has_aux=True)(trainable(models))
     return gradient, parts
 
@@ -93,17 +104,15 @@ def dynamics_loss(
 ) -> Float[Array, ""]:
     """Minus the mean log d(s'|s, a), with noise of `dynamics_noise` sds of the change on s'.
 
-    And the squared error of its centre, in those sds [D28].
+    And the squared error of its centre, in those sds [D28], [D36].
     """
     noise = config.dynamics_noise * jax.random.normal(key, t.observations.shape)
-    scale = jax.lax.stop_gradient(dynamics.change_scale)
-    reached = t.next_observations + noise * jnp.broadcast_to(scale, noise.shape)
+    reached = t.next_observations + noise * jnp.broadcast_to(dynamics.scale, noise.shape)
 
     def of_one(s: Array, a: Array, s_next: Array) -> Float[Array, ""]:
-        outcomes = dynamics(s, a)
-        loss = -outcomes.log_prob(s_next)
+        loss = -dynamics.fitted(s, a).log_prob(s_next)
         if config.centre_weight:
-            error = (decode(outcomes, jnp.zeros_like(s)) - s_next) / scale
+            error = (dynamics.central(s, a) - s_next) / dynamics.scale
             loss += config.centre_weight * jnp.sum(error**2)
         return loss
 
@@ -119,7 +128,7 @@ def policy_loss(
     """Minus the mean log pi(a|s, g)."""
 
     def log_prob(s: Array, g: Array, a: Array) -> Float[Array, ""]:
-        return models.policy(s, g).log_prob(a)
+        return models.policy.fitted(s, g).log_prob(a)
 
     return -jax.vmap(log_prob)(states, goals, actions).mean()
 
@@ -135,16 +144,23 @@ def curriculum_loss(
     return -jnp.sum(weights * log_prob(goals, states))
 
 
+def values(
+    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+) -> Float[Array, "n heads"]:
+    """V's outputs."""
+    return jax.vmap(models.value)(states, goals)
+
+
 def value_loss(
     config: Config,
+    aim: Objective,
     models: Models,
     states: Float[Array, "batch s"],
     goals: Float[Array, "batch s"],
-    targets: Float[Array, " batch"],
+    targets: Float[Array, "batch heads"],
 ) -> Float[Array, ""]:
-    """Mean of (V(s, g) - v_targ)^2 + V(g, g)^2 (Algorithm 1), the former also per unit [D29]."""
-    errors = (jax.vmap(models.value)(states, goals) - targets) ** 2
-    if config.relative_errors:
-        errors /= 1 + jnp.abs(targets)
-    at_goals = jax.vmap(models.value)(goals, goals)
-    return jnp.mean(errors) + config.goal_value_weight * jnp.mean(at_goals**2)
+    """Mean of (V(s, g) - v_targ)^2 + V(g, g)^2 (Algorithm 1), or what `aim` has in its place."""
+    loss = jnp.mean(aim.errors(values(models, states, goals), targets))
+    if config.goal_value_weight:
+        loss += config.goal_value_weight * jnp.mean(values(models, goals, goals) ** 2)
+    return loss

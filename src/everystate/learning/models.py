@@ -1,5 +1,6 @@
 """The five models of Algorithm 1, built together and stepped together."""
 
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,14 +11,10 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.dynamics import Dynamics
-from everystate.learning.flows import (
-    ConditionalFlow,
-    FlowJAXConditionalFlow,
-    conditional_flow,
-    state_flow,
-)
+from everystate.learning.flows import Centred, Conditional, conditional_flow, state_flow
 from everystate.learning.keys import named
-from everystate.learning.networks import Value
+from everystate.learning.networks import GoalInputs, Value
+from everystate.learning.objectives import objective
 from everystate.learning.policy import Policy
 
 
@@ -27,12 +24,12 @@ class Models(NamedTuple):
     state_flow: AbstractTransformed
     dynamics: Dynamics
     policy: Policy
-    curriculum: ConditionalFlow | FlowJAXConditionalFlow
+    curriculum: Conditional
     value: Value
 
 
 class Scale(NamedTuple):
-    """A body's fixed units: a scaled state is (s - centre) / spread."""
+    """A body's units: a scaled state is (s - centre) / spread."""
 
     centre: Float[Array, " s"]
     spread: Float[Array, " s"]
@@ -55,9 +52,7 @@ def new_models(
     state_size = change_scale.size
     network = {"width": config.width, "depth": config.depth, "frequencies": config.frequencies}
 
-    def conditional(
-        name: str, size: int, condition_size: int, layers: int
-    ) -> ConditionalFlow | FlowJAXConditionalFlow:
+    def conditional(name: str, size: int, condition_size: int, layers: int) -> Conditional:
         return conditional_flow(
             size,
             condition_size,
@@ -69,7 +64,14 @@ def new_models(
             **network,
         )
 
-    d = conditional("d", state_size, state_size + action_size, config.dynamics_layers)
+    def centred(name: str, size: int, condition_size: int, layers: int) -> Conditional:
+        flow = conditional(name, size, condition_size, layers)
+        if not config.centres:
+            return flow
+        return Centred(size, condition_size, flow, key=named(key, f"{name} centre"), **network)
+
+    inputs = goal_inputs(config)
+    seen = (3 if inputs == "both" else 2) * state_size
     return Models(
         state_flow=state_flow(
             state_size,
@@ -79,14 +81,27 @@ def new_models(
             alternate=config.alternate,
             key=named(key, "f"),
         ),
-        dynamics=Dynamics(d, change_scale),
-        policy=Policy(
-            conditional("pi", action_size, 2 * state_size, config.policy_layers),
-            config.relative_goals,
+        dynamics=Dynamics(
+            centred("d", state_size, state_size + action_size, config.dynamics_layers),
+            change_scale,
         ),
+        policy=Policy(centred("pi", action_size, seen, config.policy_layers), inputs),
         curriculum=conditional("c", state_size, state_size, config.curriculum_layers),
-        value=Value(state_size, relative=config.relative_goals, key=named(key, "V"), **network),
+        value=Value(
+            state_size,
+            inputs=inputs,
+            heads=objective(config).heads,
+            key=named(key, "V"),
+            **network,
+        ),
     )
+
+
+def goal_inputs(config: Config) -> GoalInputs:
+    """What V and pi see of a goal."""
+    if config.both_goals:
+        return "both"
+    return "difference" if config.relative_goals else "goal"
 
 
 def new_optimisers(config: Config, models: Models) -> tuple[optax.OptState, ...]:
@@ -121,11 +136,10 @@ def _adam(config: Config, name: str) -> optax.GradientTransformation:
     total = config.epochs * config.num_updates
     if name == "dynamics":
         total *= config.dynamics_updates
-    cooling = round(config.cooldown * total)
-    rate = optax.linear_schedule(
-        config.learning_rate, 0.1 * config.learning_rate, max(cooling, 1), total - cooling
-    )
-    return optax.chain(
-        optax.clip_by_global_norm(config.gradient_clip),
-        optax.adam(rate if cooling else config.learning_rate),
-    )
+    rate: float | optax.Schedule = config.learning_rate
+    if cooling := round(config.cooldown * total):
+        rate = optax.linear_schedule(rate, 0.1 * rate, cooling, total - cooling)
+    elif config.rate_halving < math.inf:
+        halving = config.rate_halving * total / config.epochs
+        rate = lambda count: config.learning_rate / (1 + count / halving)  # noqa: E731
+    return optax.chain(optax.clip_by_global_norm(config.gradient_clip), optax.adam(rate))

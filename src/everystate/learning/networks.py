@@ -1,6 +1,7 @@
 """Multilayer perceptrons with PReLU activations, and the value function built on one."""
 
 import math
+from typing import Literal
 
 import equinox as eqx
 import jax
@@ -61,24 +62,53 @@ def waves(x: Float[Array, " n"], octaves: int) -> list[Float[Array, " n"]]:
     return result
 
 
+GoalInputs = Literal["goal", "difference", "both"]
+"""What V and pi see beside s: g; g - s, whose waves tell how near s is to any goal alike; or both
+[D20]."""
+
+
+def with_goal(
+    state: Float[Array, " s"], goal: Float[Array, " s"], inputs: GoalInputs
+) -> Float[Array, " n"]:
+    """What V and pi see of a state and a goal, both scaled."""
+    seen = {"goal": (goal,), "difference": (goal - state,), "both": (goal, goal - state)}
+    return jnp.concatenate([state, *seen[inputs]])
+
+
+def small_at_first(network: Network) -> Network:
+    """The same with small last weights: at first it hardly depends on its inputs."""
+    return eqx.tree_at(
+        lambda n: (n.mlp.layers[-1].weight, n.mlp.layers[-1].bias),
+        network,
+        replace_fn=lambda x: 0.01 * x,
+    )
+
+
 class Value(eqx.Module):
-    """V(s, g): about minus the number of steps from s to g (4.2, 4.3)."""
+    """V(s, g): about minus the number of steps from s to g (4.2, 4.3), or what an objective says.
+
+    See `everystate.learning.objectives`.
+    """
 
     network: Network
-    relative: bool = eqx.field(static=True)
+    inputs: GoalInputs = eqx.field(static=True)
 
     def __init__(
-        self, state_size: int, *, relative: bool, key: PRNGKeyArray, **network: int
+        self,
+        state_size: int,
+        *,
+        inputs: GoalInputs,
+        heads: int = 1,
+        key: PRNGKeyArray,
+        **network: int,
     ) -> None:
-        """An untrained value of states and goals with `state_size` components.
+        """An untrained value of states and goals with `state_size` components."""
+        seen = (3 if inputs == "both" else 2) * state_size
+        self.network = Network(seen, heads, key=key, **network)
+        self.inputs = inputs
 
-        If it is `relative` it sees g - s in the place of g, whose waves then tell how near s is to
-        any goal alike [D20].
-        """
-        self.network = Network(2 * state_size, 1, key=key, **network)
-        self.relative = relative
-
-    def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
-        """V of one state and one goal, both scaled, in steps."""
-        seen = goal - state if self.relative else goal
-        return self.network(jnp.concatenate([state, seen]))[0]
+    def __call__(
+        self, state: Float[Array, " s"], goal: Float[Array, " s"]
+    ) -> Float[Array, " heads"]:
+        """The outputs for one state and one goal, both scaled."""
+        return self.network(with_goal(state, goal, self.inputs))

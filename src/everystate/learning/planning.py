@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
+from everystate.learning.objectives import objective
 from everystate.learning.policy import score
 from everystate.learning.rewards import closeness, placing
 
@@ -62,7 +63,7 @@ def plan(
     """
     key_noise, key_policy, key_random, *keys = jax.random.split(key, 2 + planning.rounds)
     place = placing(config, models)
-    place_goal = place(goal)
+    place_goal, aim = place(goal), objective(config)
     noises = jax.random.normal(key_noise, (planning.rollouts, planning.horizon, state.size))
 
     def follow(latents: Float[Array, "horizon a"]) -> Float[Array, "horizon a"]:
@@ -71,7 +72,7 @@ def plan(
         def one(s: Array, latent: Array) -> tuple[Array, Array]:
             policy = models.policy(s, goal)
             action = jnp.clip(decode(policy, latent), -1, 1)
-            return decode(models.dynamics(s, action), jnp.zeros_like(s)), action
+            return models.dynamics.central(s, action), action
 
         return jax.lax.scan(one, state, latents)[1]
 
@@ -83,10 +84,7 @@ def plan(
                 return after, closeness(config, place(after), place_goal)
 
             last, near = jax.lax.scan(one, state, (actions, noise))
-            total = models.value(last, goal)
-            for step in reversed(range(planning.horizon)):
-                total = near[step] - 1 + config.discount * total
-            return total
+            return aim.ahead(near, aim.read(models.value(last, goal)))
 
         return score(config, jax.vmap(outcome)(noises))
 

@@ -11,23 +11,44 @@ from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from everystate.config import Config
-from everystate.learning.flows import ConditionalFlow, FlowJAXConditionalFlow, decode
+from everystate.learning.flows import Centred, Conditional, decode
+from everystate.learning.networks import GoalInputs, with_goal
+from everystate.learning.objectives import Objective
 from everystate.learning.rewards import closeness, placing
 from everystate.learning.search import best_worst_case, blocked
 from everystate.learning.sharding import on_each_device
-from everystate.learning.value import backup
 
 
 class Policy(eqx.Module):
     """pi(a|s, g): a conditional flow of both."""
 
-    flow: ConditionalFlow | FlowJAXConditionalFlow
-    relative: bool = eqx.field(static=True)
-    """Sees g - s in the place of g [D20]."""
+    flow: Conditional
+    inputs: GoalInputs = eqx.field(static=True)
 
     def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> AbstractTransformed:
         """The distribution of actions for one state and one goal, both scaled."""
-        return self.flow(jnp.concatenate([state, goal - state if self.relative else goal]))
+        return self.flow(with_goal(state, goal, self.inputs))
+
+    def at(
+        self, state: Float[Array, " s"], goal: Float[Array, " s"], latent: Float[Array, " a"]
+    ) -> Float[Array, " a"]:
+        """The action of a latent z, which may lie beyond the bounds; of z = 0 the most central."""
+        sampled = decode(self(state, goal), latent)
+        if not isinstance(self.flow, Centred):
+            return sampled  # Its centre is that of z = 0.
+        return jnp.where((latent == 0).all(), self.central(state, goal), sampled)
+
+    def central(
+        self, state: Float[Array, " s"], goal: Float[Array, " s"]
+    ) -> Float[Array, " a"]:
+        """The most central action, which may lie beyond the bounds."""
+        return self.flow.central(with_goal(state, goal, self.inputs))
+
+    def fitted(
+        self, state: Float[Array, " s"], goal: Float[Array, " s"]
+    ) -> AbstractTransformed:
+        """The distribution of actions, as a likelihood may change it."""
+        return self.flow.fitted(with_goal(state, goal, self.inputs))
 
 
 class Improvement(NamedTuple):
@@ -35,7 +56,7 @@ class Improvement(NamedTuple):
 
     action: Float[Array, "batch a"]
     """a_best, in [-1, 1]."""
-    value: Float[Array, " batch"]
+    heads: Float[Array, "batch heads"]
     """v_targ: mean of r + V_targ over the N rollouts of a_best."""
     from_policy: Float[Array, " batch"]
     """1 where a_best started from a policy sample rather than a random action."""
@@ -61,9 +82,9 @@ def improve(
     config: Config,
     models: Any,
     target_value: Callable,
+    aim: Objective,
     states: Float[Array, "batch s"],
     goals: Float[Array, "batch s"],
-    floor: Float[Array, ""],
     *,
     key: PRNGKeyArray,
 ) -> Improvement:
@@ -73,31 +94,34 @@ def improve(
         config: hyper-parameters j, N, k, pessimism, ...
         models: anything with `state_flow`, `dynamics` and `policy`, as in `Models`.
         target_value: V_targ(s, g).
+        aim: what V counts.
         states: s, scaled.
         goals: g, scaled.
-        floor: lowest value that V_targ can have [D4].
         key: random key.
     """
     keys = jax.random.split(key, states.shape[0])
-    known = models, target_value, floor
+    known = models, target_value, aim
     return on_each_device(config, partial(_improve, config), known, states, goals, keys)
 
 
 def _improve(
     config: Config,
-    known: tuple[Any, Callable, Float[Array, ""]],
+    known: tuple[Any, Callable, Objective],
     states: Float[Array, "pairs s"],
     goals: Float[Array, "pairs s"],
     keys: Key[Array, " pairs"],
 ) -> Improvement:
-    """`improve` of some of the (s, g), given the models, V_targ and the floor."""
-    models, target_value, floor = known
+    """`improve` of some of the (s, g), given the models, V_targ and what it counts."""
+    models, target_value, aim = known
     place = placing(config, models)
+
+    def heads(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " heads"]:
+        near = closeness(config, place(next_state), place(goal))
+        return aim.backup(near, aim.read(target_value(next_state, goal)))
 
     def returns(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         """r + V_targ(s', g)."""
-        near = closeness(config, place(next_state), place(goal))
-        return backup(config, near, target_value(next_state, goal), floor)
+        return aim.worth(heads(next_state, goal))
 
     def proposed(s: Array, g: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
         return propose(config, models, returns, s, g, key=key)
@@ -112,10 +136,14 @@ def _improve(
         outcomes = outcomes.reshape(next_states.shape[:3])
         best = score(config, outcomes).argmax(axis=1)
         value, evaluated = outcomes[every, best].mean(axis=1), jnp.ones(len(states))
+    found = value[:, None]
+    if aim.heads > 1:
+        each = jax.vmap(jax.vmap(heads, in_axes=(0, None)))
+        found = each(next_states[every, best], goals).mean(axis=1)
     is_policy = (best % (2 * config.j)) < config.j
     return Improvement(
         candidates[every, best],
-        value,
+        found,
         is_policy.astype(states.dtype),
         jnp.abs(next_states).max(axis=(1, 2, 3)),
         evaluated,

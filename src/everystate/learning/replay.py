@@ -130,11 +130,45 @@ class Minibatch(NamedTuple):
     transition_slots: Int[Array, " batch"]
 
 
-def sample(config: Config, replay: Replay, *, key: PRNGKeyArray) -> Minibatch:
-    """One minibatch from the three buffers."""
+_CALMEST_OF = 16
+
+
+def goal_slots(
+    config: Config,
+    replay: Replay,
+    change_scale: Float[Array, " s"],
+    count: int,
+    *,
+    key: PRNGKeyArray,
+) -> Int[Array, " count"]:
+    """Slots drawn from the goal buffer, `calm_share` of them such as hardly changed in a step.
+
+    Of several drawn for each of these, the one whose s' - s is the least, in units of
+    `change_scale`: without them equilibria, which are what is asked for most and what is hardest to
+    hold, are hardly ever drawn [D32].
+    """
+    how = tempering(config)
+    slots = w.draw(replay.goals, how, count, key=named(key, "goals"))
+    if not config.calm_share:
+        return slots
+    several = w.draw(replay.goals, how, count * _CALMEST_OF, key=named(key, "calm"))
+    t = replay.transitions
+    change = (t.next_observations[several] - t.observations[several]) / change_scale
+    speed = jnp.mean(change**2, axis=1).reshape(count, _CALMEST_OF)
+    calmest = several.reshape(count, _CALMEST_OF)[
+        jnp.arange(count, dtype=jnp.int32), speed.argmin(axis=1)
+    ]
+    calm = jax.random.bernoulli(named(key, "whether calm"), config.calm_share, (count,))
+    return jnp.where(calm, calmest, slots)
+
+
+def sample(
+    config: Config, replay: Replay, change_scale: Float[Array, " s"], *, key: PRNGKeyArray
+) -> Minibatch:
+    """One minibatch from the three buffers; `change_scale` as in `goal_slots`."""
     size, how = config.batch_size, tempering(config)
     states = w.draw(replay.states, AS_THEY_ARE, size, key=named(key, "states"))
-    goals = w.draw(replay.goals, how, size, key=named(key, "goals"))
+    goals = goal_slots(config, replay, change_scale, size, key=key)
     slots = w.draw(replay.of_transitions, how, size, key=named(key, "transitions"))
     began, reached = replay.transitions.observations, replay.transitions.next_observations
     # num_bodies slots on is the same body one step later (2.3), unless it came to an end between.

@@ -38,7 +38,10 @@ def closeness(
 ) -> Float[Array, ""]:
     """exp(-k |f_enc(s') - f_enc(g)|^2), in [0, 1]; the reward is this minus one (4.2).
 
-    In many dimensions that is 0 practically everywhere; the rational shape is not [D21].
+    In many dimensions that is 0 practically everywhere, unless k falls with their number [D34]; the
+    rational shape is not [D21].
     """
-    square = config.k * jnp.sum((place_next - place_goal) ** 2)
+    width = config.kernel_width
+    k = 1 / (place_goal.size * width**2) if width else config.k
+    square = k * jnp.sum((place_next - place_goal) ** 2)
     return 1 / (1 + square) if config.reward_shape == "rational" else jnp.exp(-square)

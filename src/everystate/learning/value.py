@@ -26,7 +26,9 @@ def remaining(config: Config, near: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return config.discount * (1 - config.absorb * near**config.absorb_power)
 
 
-def bounded(config: Config, value: Float[Array, ""], floor: Float[Array, ""]) -> Float[Array, ""]:
+def bounded(
+    config: Config, value: Float[Array, "*n"], floor: Float[Array, ""]
+) -> Float[Array, "*n"]:
     """V_targ within what it can truly be."""
     return jnp.clip(value, floor, 0) if config.bound_value else value
 

@@ -16,6 +16,7 @@ from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.learning.replay import Transitions
+from everystate.learning.units import of_warm_up
 from everystate.training import coverage, hosts
 from everystate.training.bodies import Steps
 from everystate.training.checkpoint import Snapshot
@@ -40,6 +41,8 @@ def warm_up(config: Config, env: BodyVectorEnv, groups: Groups) -> Snapshot | No
         return None
     steps = collected.steps
     scale = Scale(jnp.asarray(env.scaling.centre), jnp.asarray(env.scaling.spread))
+    if config.units == "running":
+        scale = of_warm_up(jnp.asarray(steps.next_observations))
     agent = begin(config, to_device(steps), scale)
     visited = coverage.visit(coverage.no_cells(*bounds(env)), steps.next_observations, *bounds(env))
     return Snapshot(agent, collected.env, collected.observations, visited)

@@ -212,7 +212,7 @@ def _kept(checkpoints: Path) -> str:
 
 
 def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
-    models, scale = hosts.local((snapshot.agent.models, snapshot.agent.scale))
+    models, scale = hosts.local((snapshot.agent.kept, snapshot.agent.scale))
     return Agent(models, scale, config, info(config, env))
 
 

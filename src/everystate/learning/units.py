@@ -1,0 +1,84 @@
+"""Units that grow with what the body learns to do [D33]."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from everystate.config import Config
+from everystate.learning import guard
+from everystate.learning import replay as rb
+from everystate.learning.keys import named
+from everystate.learning.models import Models, Scale
+from everystate.learning.replay import Replay
+
+GROWTH = 1.5
+"""Units change when some component is spread over this many of its own."""
+_LEAST = 1e-3
+_ROUNDING = 1e-6
+_DRAWN = 4096
+
+
+class Units(NamedTuple):
+    """What has to move when units do: all that is in them but the networks, which follow."""
+
+    scale: Scale
+    replay: Replay
+    goals: Float[Array, "bodies s"]
+    """Those being pursued."""
+    models: Models
+    average: Models | None
+    """Of the weights of all, if there is one: it begins anew."""
+
+
+def of_warm_up(states: Float[Array, "steps bodies s"]) -> Scale:
+    """The mean and the spread of what was visited; 1 for what did not move."""
+    spread = jnp.std(states, axis=(0, 1))
+    moved = spread > _ROUNDING * jnp.max(jnp.abs(states), axis=(0, 1))
+    return Scale(jnp.mean(states, axis=(0, 1)), jnp.where(moved, spread, 1.0))
+
+
+def grown(
+    config: Config, units: Units, *, key: PRNGKeyArray
+) -> tuple[Units, dict[str, Float[Array, ""]]]:
+    """The same in larger units, if what was visited has outgrown these by `GROWTH`.
+
+    Spreads are those of goals drawn from the buffer, which weighs what is rarely visited more. All
+    components grow at once, to what they are spread over, and none ever shrinks: so units change a
+    few times, early in a run, and then stay.
+    """
+    seen = rb.visited_goals(config, units.replay, _DRAWN, key=named(key, "seen"))
+    spread = jnp.std(seen, axis=0)
+    grow = jnp.max(spread) > GROWTH
+    factor = jnp.where(grow, jnp.maximum(spread, 1.0), 1.0)
+    shift = jnp.where(grow, jnp.mean(seen, axis=0), 0.0)
+
+    def moved(states: Float[Array, "n s"]) -> Float[Array, "n s"]:
+        kept = states.shape[1] > 0  # A ring that keeps no goals has none to move.
+        return (states - shift[None]) / factor[None] if kept else states
+
+    t = units.replay.transitions
+    replay = units.replay._replace(
+        transitions=t._replace(
+            observations=moved(t.observations),
+            next_observations=moved(t.next_observations),
+            goals=moved(t.goals),
+        )
+    )
+    drawn = rb.drawn_transitions(config, replay, _DRAWN, key=named(key, "drawn"))
+    change = jnp.std(drawn.next_observations - drawn.observations, axis=0)
+    change = jnp.where(grow, jnp.maximum(change, _LEAST), units.models.dynamics.change_scale)
+    models = eqx.tree_at(lambda m: m.dynamics.change_scale, units.models, change)
+    average = units.average
+    if average is not None:
+        average = guard.chosen(grow, models, average)
+    scale = units.scale
+    metrics = {"units/grew": grow.astype(jnp.float32), "units/largest": jnp.max(spread)}
+    return Units(
+        Scale(scale.centre + shift * scale.spread, scale.spread * factor),
+        replay,
+        moved(units.goals),
+        models,
+        average,
+    ), metrics
