@@ -36,6 +36,15 @@ def test_every_preset_is_valid_for_every_body(body):
         assert hash(config) == hash(preset(name, body, seed=3))  # jit takes it as static.
 
 
+def test_one_set_of_numbers_serves_any_body():
+    """`any` differs in the body alone, and is what a body without a set of its own gets."""
+    bodies = (*BODIES, "arm.xml", "gymnasium:Ant-v5", "shimmy:dm_control/finger-spin-v0")
+    sets = [asdict(preset("any", body)) | {"body": ""} for body in bodies]
+    assert all(numbers == sets[0] for numbers in sets)
+    for body in bodies[len(BODIES) :]:
+        assert preset("quick", body) == preset("any", body)
+
+
 @pytest.mark.parametrize("name", ["paper", "literal"])
 @pytest.mark.parametrize(
     ("body", "h", "k"), [("ramp-pointmass", 20, 100), ("cartpole", 20, 10), ("ant", 50, 10)]
@@ -111,6 +120,16 @@ def test_sizes_that_do_not_fit_each_other_are_named():
     with pytest.raises(EverystateError, match=r"capacity = 390 .*400 items.*raise capacity"):
         preset("test", capacity=390)
     assert preset("test", capacity=400).capacity == 400
+
+
+def test_pairs_without_candidates_must_have_imagined_targets():
+    with pytest.raises(EverystateError, match=r"improved_share = 0\.5 .*imagined_targets = 0\.25"):
+        preset("test", improved_share=0.5, imagined_targets=0.25)
+    config = preset("test", improved_share=0.25, imagined_targets=1.0, batch_size=32)
+    assert config.improved_pairs == 8
+    with pytest.raises(EverystateError, match=r"devices = 16 .* 8 pairs .*improved_share"):
+        preset("test", improved_share=0.25, imagined_targets=1.0, batch_size=32, devices=16)
+    assert preset("test", batch_size=32).improved_pairs == 32
 
 
 def test_unknown_names_suggest_the_nearest():

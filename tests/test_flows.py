@@ -9,6 +9,7 @@ from flowjax.distributions import AbstractTransformed
 
 from everystate.config import FlowFamily
 from everystate.learning.flows import (
+    Centred,
     ConditionalFlow,
     conditional_flow,
     decode,
@@ -153,6 +154,42 @@ def test_dynamics_are_those_of_the_change_in_its_own_units():
     np.testing.assert_allclose(
         dynamics(state, action).log_prob(next_state), change.log_prob(u) - log_scale, atol=1e-3
     )
+
+
+def centred():
+    """A flow on R^2 around a centre, given one number; all parameters away from their start."""
+    network = {"width": 8, "depth": 1, "frequencies": 0}
+    keys = jax.random.split(jax.random.key(3))
+    around = ConditionalFlow(2, 1, 2, shifted=True, key=keys[0], **network)
+    return randomised(Centred(2, 1, around, key=keys[1], **network), 0.3)
+
+
+def test_a_centred_flow_is_the_flow_around_it_moved_there():
+    flow, condition, z = centred(), jnp.array([0.4]), jnp.array([0.3, -1.1])
+    around, whole = flow.around(condition), flow(condition)
+    np.testing.assert_allclose(flow.central(condition), flow.centre(condition))
+    moved = flow.centre(condition) + decode(around, z)
+    np.testing.assert_allclose(decode(whole, z), moved, rtol=1e-5)
+    np.testing.assert_allclose(encode(whole, moved), z, atol=1e-4)
+    log_prob = around.log_prob(decode(around, z))
+    np.testing.assert_allclose(whole.log_prob(moved), log_prob, atol=1e-4)
+    np.testing.assert_allclose(flow.fitted(condition).log_prob(moved), log_prob, atol=1e-4)
+
+
+def test_a_likelihood_moves_the_spread_alone_and_an_error_the_centre_alone():
+    flow, condition, x = centred(), jnp.array([0.4]), jnp.array([0.5, 2.0])
+
+    def moved(loss):
+        """Whether a loss has a gradient of the centre's parameters, and of those around it."""
+        gradient = eqx.filter_grad(loss)(flow)
+        return tuple(
+            any(bool(jnp.any(leaf != 0)) for leaf in jax.tree.leaves(part))
+            for part in (gradient.centre, gradient.around)
+        )
+
+    assert moved(lambda flow: -flow.fitted(condition).log_prob(x)) == (False, True)
+    assert moved(lambda flow: jnp.sum((flow.central(condition) - x) ** 2)) == (True, False)
+    assert moved(lambda flow: -flow(condition).log_prob(x)) == (True, True)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

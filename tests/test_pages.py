@@ -33,8 +33,8 @@ def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     load = suites.load
     monkeypatch.setattr(suites, "load", lambda *a, **k: load(*a, **k).subset(6))
-    monkeypatch.setattr(presets, "_QUICK", presets._QUICK | presets._TINY | {"epochs": 1})
-    monkeypatch.setattr(presets, "_QUICK_BODIES", {})
+    monkeypatch.setattr(presets, "_ANY", presets._ANY | presets._TINY | {"epochs": 1})
+    monkeypatch.setattr(presets, "_TUNED_BODIES", {})
 
     def look(studio: Studio) -> None:
         with urllib.request.urlopen(studio.address) as answer:

@@ -14,6 +14,8 @@ from everystate.learning.weights import AS_THEY_ARE, draw
 from everystate.presets import preset
 
 BODIES = 10
+ONE = jnp.ones(2)
+"""What a step changes each component by."""
 CONFIG = preset("test", num_bodies=BODIES, capacity=400, batch_size=1000, hindsight_steps=7)
 
 
@@ -76,7 +78,7 @@ def test_a_states_weight_halves_in_a_half_life(half_life):
 @pytest.mark.parametrize("steps", [5, 25, 40, 55, 95])
 def test_hindsight_goals_are_the_same_body_some_steps_later(steps):
     replay = ring(steps)
-    minibatch = rb.sample(CONFIG, replay, key=jax.random.key(2))
+    minibatch = rb.sample(CONFIG, replay, ONE, key=jax.random.key(2))
     began, goal = minibatch.transitions.observations, np.asarray(minibatch.hindsight_goals)
     ahead = goal[:, 1] - np.asarray(began[:, 1])
     np.testing.assert_array_equal(goal[:, 0], began[:, 0])
@@ -92,7 +94,7 @@ def test_hindsight_goals_are_the_same_body_some_steps_later(steps):
 def test_states_that_led_to_their_goals_are_the_same_body_some_steps_earlier(steps):
     config = dataclasses.replace(CONFIG, approach_share=1.0, approach_steps=7)
     replay = ring(steps)
-    minibatch = rb.sample(config, replay, key=jax.random.key(2))
+    minibatch = rb.sample(config, replay, ONE, key=jax.random.key(2))
     states, goals = np.asarray(minibatch.states), np.asarray(minibatch.goals)
     ago = goals[:, 1] - states[:, 1]
     np.testing.assert_array_equal(goals[:, 0], states[:, 0])
@@ -103,7 +105,7 @@ def test_states_that_led_to_their_goals_are_the_same_body_some_steps_earlier(ste
 
 def test_approaches_are_the_stated_share_of_the_pairs():
     config = dataclasses.replace(CONFIG, approach_share=0.5, approach_steps=1, batch_size=4000)
-    minibatch = rb.sample(config, ring(95), key=jax.random.key(6))
+    minibatch = rb.sample(config, ring(95), ONE, key=jax.random.key(6))
     same = (minibatch.states[:, 0] == minibatch.goals[:, 0]) & (
         jnp.abs(minibatch.states[:, 1] - minibatch.goals[:, 1]) < 2
     )
@@ -112,7 +114,7 @@ def test_approaches_are_the_stated_share_of_the_pairs():
 
 def test_the_simplest_hindsight_goal_is_the_next_state():
     config = preset("test", num_bodies=BODIES, capacity=400, batch_size=100, hindsight_steps=1)
-    minibatch = rb.sample(config, ring(55), key=jax.random.key(3))
+    minibatch = rb.sample(config, ring(55), ONE, key=jax.random.key(3))
     np.testing.assert_array_equal(
         minibatch.hindsight_goals, minibatch.transitions.next_observations
     )
@@ -120,7 +122,7 @@ def test_the_simplest_hindsight_goal_is_the_next_state():
 
 def test_a_minibatch_holds_what_its_slots_hold():
     replay = ring(25)
-    minibatch = rb.sample(CONFIG, replay, key=jax.random.key(4))
+    minibatch = rb.sample(CONFIG, replay, ONE, key=jax.random.key(4))
     reached = replay.transitions.next_observations
     np.testing.assert_array_equal(minibatch.goals, reached[minibatch.goal_slots])
     np.testing.assert_array_equal(
@@ -135,7 +137,7 @@ def test_a_minibatch_holds_what_its_slots_hold():
 
 def test_refresh_writes_only_what_was_drawn():
     replay = ring(55)
-    minibatch = rb.sample(CONFIG, replay, key=jax.random.key(5))
+    minibatch = rb.sample(CONFIG, replay, ONE, key=jax.random.key(5))
     few = minibatch._replace(
         goal_slots=minibatch.goal_slots[:30], transition_slots=minibatch.transition_slots[:30]
     )
@@ -181,10 +183,32 @@ def test_hindsight_does_not_cross_a_break():
         jnp.zeros(20),
         jnp.zeros(20),
     )
-    minibatch = rb.sample(config, replay, key=jax.random.key(1))
+    minibatch = rb.sample(config, replay, ONE, key=jax.random.key(1))
     began, goal = minibatch.transitions.observations, minibatch.hindsight_goals
     np.testing.assert_array_equal(np.asarray(began > 50), np.asarray(goal > 50))
     assert float((goal - began).max()) > 5
     led, goal = minibatch.states, minibatch.goals
     np.testing.assert_array_equal(np.asarray(led > 50), np.asarray(goal > 50))
     assert float((goal - led).max()) > 5
+
+
+def test_calm_goals_are_those_that_hardly_changed_in_a_step():
+    """Every tenth item moved by a hundredth of what the others did, in units of the change."""
+    items, unit = 400, jnp.array([1.0, 100.0])
+    calm = jnp.arange(items) % 10 == 0
+    step = jnp.where(calm, 0.01, 1.0)[:, None] * unit[None]
+    before = jax.random.normal(jax.random.key(0), (items, 2))
+    moved = Transitions(before, before[:, 1:], before + step, before[:, :0])
+    empty, even = rb.empty(CONFIG, 2, 1), jnp.zeros(items)
+    replay = rb.add(CONFIG, empty, moved, even, even)
+
+    def share(**fields):
+        config = dataclasses.replace(CONFIG, **fields)
+        slots = rb.goal_slots(config, replay, unit, 5000, key=jax.random.key(1))
+        return float(calm[slots].mean())
+
+    assert share() == pytest.approx(0.1, abs=0.02)
+    # Of sixteen at least one is calm with probability 1 - 0.9^16.
+    best = 1 - 0.9**16
+    assert share(calm_share=1.0) == pytest.approx(best, abs=0.02)
+    assert share(calm_share=0.5) == pytest.approx((0.1 + best) / 2, abs=0.02)

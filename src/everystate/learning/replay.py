@@ -153,7 +153,7 @@ def goal_slots(
         return slots
     several = w.draw(replay.goals, how, count * _CALMEST_OF, key=named(key, "calm"))
     t = replay.transitions
-    change = (t.next_observations[several] - t.observations[several]) / change_scale
+    change = (t.next_observations[several] - t.observations[several]) / change_scale[None]
     speed = jnp.mean(change**2, axis=1).reshape(count, _CALMEST_OF)
     calmest = several.reshape(count, _CALMEST_OF)[
         jnp.arange(count, dtype=jnp.int32), speed.argmin(axis=1)

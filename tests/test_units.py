@@ -1,0 +1,117 @@
+"""Units that grow with the body [D33], and averages of the weights [D35]."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from everystate import algorithm
+from everystate.algorithm import AgentState, Scale
+from everystate.learning.averages import averaged
+from everystate.learning.replay import Transitions
+from everystate.learning.units import GROWTH, of_warm_up
+from everystate.presets import preset
+
+CONFIG = preset("test", "no-such-body", num_bodies=10, warmup_steps=20, capacity=4_000)
+
+
+def walk(spread, steps=20):
+    """Transitions [steps, bodies, ...] of two components with these spreads."""
+    keys = jax.random.split(jax.random.key(1), 3)
+    shape = steps, CONFIG.num_bodies, 2
+    about = jnp.broadcast_to(jnp.array([5.0, -3.0]), shape)
+    states = spread * jax.random.normal(keys[0], shape) + about
+    changed = states + 0.1 * spread * jax.random.normal(keys[1], shape)
+    actions = jax.random.uniform(keys[2], (*shape[:2], 1), minval=-1, maxval=1)
+    return Transitions(states, actions, changed, states)
+
+
+def begun(spread=1.0) -> AgentState:
+    warmup = walk(spread)
+    scale = of_warm_up(warmup.next_observations)
+    return algorithm.init(CONFIG, warmup, scale, key=jax.random.key(0))
+
+
+def in_body_units(state: AgentState, states):
+    return np.asarray(state.scale.unscaled(states))
+
+
+def test_a_new_default_has_running_units_and_an_average():
+    assert CONFIG.units == "running"
+    assert CONFIG.averaged > 0
+
+
+def test_units_of_a_warm_up_are_its_spread_and_one_where_nothing_moved():
+    states = jnp.stack([jnp.linspace(-1, 1, 50), jnp.full(50, 1e6), jnp.zeros(50)], axis=1)
+    centre, spread = of_warm_up(states[:, None])
+    np.testing.assert_allclose(centre, [0, 1e6, 0], atol=1e-6)
+    np.testing.assert_allclose(spread, [np.std(np.linspace(-1, 1, 50)), 1, 1], rtol=1e-5)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_units_do_not_depend_on_what_a_component_is_measured_in(factor):
+    states = walk(1.0).next_observations
+    scaled, other = (of_warm_up(x).scaled(x) for x in (states, factor * states))
+    np.testing.assert_allclose(scaled, other, atol=1e-2)
+
+
+def test_nothing_moves_while_the_body_stays_where_it_was():
+    state = begun()
+    after, metrics = algorithm.in_grown_units(CONFIG, state)
+    assert float(metrics["units/grew"]) == 0
+    before, now = (jax.tree.leaves(eqx.filter(s, eqx.is_inexact_array)) for s in (state, after))
+    assert all(np.array_equal(a, b) for a, b in zip(before, now, strict=True))
+
+
+def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():
+    state = algorithm.observe(CONFIG, begun(), walk(4.0))
+    goals = jax.random.normal(jax.random.key(2), state.episodes.goals.shape)
+    state = state._replace(episodes=state.episodes._replace(goals=goals))
+    after, metrics = algorithm.in_grown_units(CONFIG, state)
+    assert float(metrics["units/grew"]) == 1
+    assert float(metrics["units/largest"]) > GROWTH
+    assert np.all(np.asarray(after.scale.spread) >= np.asarray(state.scale.spread))
+    size = int(state.replay.size)
+    for place in (
+        lambda s: s.replay.transitions.observations[:size],
+        lambda s: s.replay.transitions.next_observations[:size],
+        lambda s: s.replay.transitions.goals[:size],
+        lambda s: s.episodes.goals,
+    ):
+        was, now = in_body_units(state, place(state)), in_body_units(after, place(after))
+        np.testing.assert_allclose(now, was, rtol=1e-4, atol=1e-4)
+    # What a step changes a component by is measured anew, and is what it was, in the body's units.
+    changes = [s.models.dynamics.change_scale * s.scale.spread for s in (state, after)]
+    assert np.all(np.asarray(changes[1]) > np.asarray(changes[0]))
+    again, metrics = algorithm.in_grown_units(CONFIG, after)
+    assert float(metrics["units/grew"]) == 0
+    assert np.array_equal(again.scale.spread, after.scale.spread)
+    # The average begins anew, with the networks that go on in the new units.
+    assert after.average is not None
+    kept, now = (jax.tree.leaves(eqx.filter(m, eqx.is_array)) for m in (after.kept, after.models))
+    assert all(np.array_equal(a, b) for a, b in zip(kept, now, strict=True))
+
+
+def test_an_average_over_all_is_the_mean_and_a_shorter_one_forgets():
+    def after(share, values):
+        config = dataclasses.replace(CONFIG, averaged=share)
+        average = jnp.zeros(())  # A tree of one weight.
+        for update, value in enumerate(values):
+            average = averaged(config, average, jnp.array(value, jnp.float32), jnp.array(update))
+        return float(average)
+
+    values = np.random.default_rng(0).normal(size=400)
+    assert after(1.0, values) == pytest.approx(values[1:].mean(), abs=0.01)
+    steps = np.repeat([0.0, 1.0], 200)
+    assert after(1.0, steps) == pytest.approx(0.5, abs=0.01)
+    assert after(0.1, steps) > 0.99
+    assert after(0.1, np.zeros(5)) == 0
+
+
+def test_the_agent_that_is_kept_is_the_average_if_there_is_one():
+    state = begun()
+    assert state.kept is state.average
+    assert state._replace(average=None).kept is state.models
