@@ -1,0 +1,132 @@
+"""How far one set of numbers carries: python experiments/one_set.py [--runs RUNS].
+
+Makes no run: `everystate train` does, by the options in `TRAINED` and `--run-dir RUNS/NAME`, in 4 to
+25 minutes each on one core, resumable. Of every run that is over it writes
+results/one-set/NAME.json: suites and skills where the body has them; where it has none, whether it
+stands up and stays so. What is there already is left.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+import everystate
+from everystate import envs, evaluation
+from everystate.agent.files import read_lines
+from everystate.evaluation import raw
+from everystate.skills import SKILLS
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "results" / "one-set"
+_SWINGS = ("--epochs", "60")
+TRAINED = {
+    f"{name}-{seed}": ("--preset", "any", *options, "--seed", str(seed))
+    for name, seeds, options in (
+        ("arm", 3, ("experiments/arm.xml", *_SWINGS)),
+        ("pendulum", 3, ("gymnasium:Pendulum-v1", *_SWINGS)),
+        ("cartpole", 3, ("cartpole", "--evaluation-period", "10")),
+        ("ant", 1, ("ant", "--evaluation-period", "25")),
+        ("ramp-pointmass", 1, ("ramp-pointmass", "--evaluation-period", "10")),
+    )
+    for seed in range(seeds)
+}
+"""Options of `everystate train`, by the name of the run."""
+UPRIGHT = {"arm": (-1.0, 0.0, 0.0), "pendulum": (1.0, 0.0, 0.0)}
+"""Cosine, sine and velocity of a body that hangs down in the end if nothing is done."""
+STARTS, PLAY, STEPS, LAST = 100, 100, 200, 25
+"""Starts, each after steps of random actions; steps to get up in; the last steps, all upright."""
+ANGLE, SPEED = 0.2, 0.5
+"""Most that it may be off, in rad and rad/s."""
+_KEPT = ("epoch", "steps", "episode/reached", "units/", "eval/rest/score", "eval/motion/score")
+_DIGITS = 4
+
+
+def stands(act: Any, body: str, goal: tuple[float, ...]) -> Bool[np.ndarray, " starts"]:
+    """Whether it is upright, and all but still, in each of the last steps."""
+    env = envs.make(body, STARTS, 0)
+    observations, _ = env.reset(seed=0)
+    rng, size = np.random.default_rng(0), envs.action_size(env)
+    for _ in range(PLAY):
+        observations, *_ = env.step(rng.uniform(-1, 1, (STARTS, size)).astype(np.float32))
+    goals, upright = np.tile(np.float32(goal), (STARTS, 1)), []
+    for _ in range(STEPS):
+        observations, *_ = env.step(act(observations, goals))
+        upright.append(_close(observations, goals))
+    env.close()
+    return np.stack(upright[-LAST:]).all(axis=0)
+
+
+def _close(
+    states: Float[np.ndarray, "starts 3"], goals: Float[np.ndarray, "starts 3"]
+) -> Bool[np.ndarray, " starts"]:
+    apart = np.arctan2(states[:, 1], states[:, 0]) - np.arctan2(goals[:, 1], goals[:, 0])
+    off = np.abs(np.angle(np.exp(1j * apart)))
+    return (off < ANGLE) & (np.abs(states[:, 2] - goals[:, 2]) < SPEED)
+
+
+def standing(run: Path, goal: tuple[float, ...]) -> dict[str, float]:
+    """Shares of starts: by the policy, by random actions, and doing nothing."""
+    agent, rng = everystate.load(run), np.random.default_rng(1)
+    body = agent.config.body
+    drawn = ROOT / body if body.endswith(".xml") else body
+
+    def at_random(observations: Any, _: Any) -> Any:
+        return rng.uniform(-1, 1, (len(observations), agent.body.action_size)).astype(np.float32)
+
+    def nothing(observations: Any, _: Any) -> Any:
+        return np.zeros((len(observations), agent.body.action_size), np.float32)
+
+    actors = {"policy": agent.act, "random": at_random, "nothing": nothing}
+    return {name: float(stands(act, str(drawn), goal).mean()) for name, act in actors.items()}
+
+
+def measured(run: Path) -> dict[str, Any]:
+    """All that is said of a run."""
+    lines = read_lines(run / "metrics.jsonl")
+    config = json.loads((run / "config.json").read_text())
+    body, name = config["config"]["body"], run.name.rpartition("-")[0]
+    if name in UPRIGHT:
+        found: dict[str, Any] = {"stands": standing(run, UPRIGHT[name])}
+    else:
+        found = evaluation.evaluate(run, skills=body in SKILLS)
+    columns = dict.fromkeys(n for line in lines for n in line if n.startswith(_KEPT))
+    curves = {n: [_short(line.get(n)) for line in lines] for n in columns}
+    trained = {"options": list(TRAINED[run.name]), **config}
+    return {**found, "trained": trained, "minutes": _minutes(lines), "curves": curves}
+
+
+def _minutes(lines: list[dict[str, Any]]) -> float:
+    return round(lines[-1]["time/elapsed_s"] / 60, 1)
+
+
+def _short(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.{_DIGITS}g}")
+
+
+def main() -> None:
+    """Writes what is missing."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--runs", type=Path, default=Path("runs"))
+    runs = parser.parse_args().runs
+    for name, options in TRAINED.items():
+        run, path = runs / name, RESULTS / f"{name}.json"
+        if path.exists():
+            continue
+        if not (run / "config.json").exists():
+            print(f"not run: everystate train {' '.join(options)} --run-dir {run}")
+            continue
+        epochs = json.loads((run / "config.json").read_text())["config"]["epochs"]
+        lines = read_lines(run / "metrics.jsonl")
+        if not lines or lines[-1]["epoch"] < epochs:
+            print(f"not over: {run}")
+            continue
+        raw.write(path, measured(run))
+        print(path)
+
+
+if __name__ == "__main__":
+    main()
