@@ -22,15 +22,14 @@ from everystate.skills import SKILLS
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "results" / "one-set"
-_SWINGS = ("--epochs", "60")
 TRAINED = {
-    f"{name}-{seed}": ("--preset", "any", *options, "--seed", str(seed))
-    for name, seeds, options in (
-        ("arm", 3, ("experiments/arm.xml", *_SWINGS)),
-        ("pendulum", 3, ("gymnasium:Pendulum-v1", *_SWINGS)),
-        ("cartpole", 3, ("cartpole", "--evaluation-period", "10")),
-        ("ant", 1, ("ant", "--evaluation-period", "25")),
-        ("ramp-pointmass", 1, ("ramp-pointmass", "--evaluation-period", "10")),
+    f"{name}-{seed}": (body, "--preset", "any", *options, "--seed", str(seed))
+    for name, seeds, body, *options in (
+        ("arm", 3, "experiments/arm.xml", "--epochs", "60"),
+        ("pendulum", 3, "gymnasium:Pendulum-v1", "--epochs", "60"),
+        ("cartpole", 3, "cartpole", "--evaluation-period", "10"),
+        ("ant", 1, "ant", "--evaluation-period", "25"),
+        ("ramp-pointmass", 1, "ramp-pointmass", "--evaluation-period", "10"),
     )
     for seed in range(seeds)
 }
@@ -49,7 +48,7 @@ def stands(act: Any, body: str, goal: tuple[float, ...]) -> Bool[np.ndarray, " s
     """Whether it is upright, and all but still, in each of the last steps."""
     env = envs.make(body, STARTS, 0)
     observations, _ = env.reset(seed=0)
-    rng, size = np.random.default_rng(0), envs.action_size(env)
+    rng, size = np.random.default_rng(0), env.single_action_space.shape[0]
     for _ in range(PLAY):
         observations, *_ = env.step(rng.uniform(-1, 1, (STARTS, size)).astype(np.float32))
     goals, upright = np.tile(np.float32(goal), (STARTS, 1)), []
