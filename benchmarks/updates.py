@@ -30,6 +30,7 @@ from everystate.learning import replay as rb
 from everystate.learning.flows import decode
 from everystate.learning.losses import gradients
 from everystate.learning.models import step
+from everystate.learning.objectives import objective
 from everystate.learning.policy import Improvement, improve
 from everystate.learning.value import lowest
 from everystate.training.bodies import make_bodies
@@ -80,7 +81,11 @@ def trained(config: Config, epochs: int) -> tuple[AgentState, Learner, float]:
 def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]:
     """Milliseconds of each part of an update on its own, medians."""
     key = jax.random.key(0)
-    floor = lowest(config, state.copies)
+    aim, some = objective(config, lowest(config, state.copies)), slice(config.improved_pairs)
+
+    def draw(state: AgentState) -> rb.Minibatch:
+        unit = state.models.dynamics.change_scale
+        return rb.sample(config, state.replay, unit, key=key)
 
     def densities(state: AgentState, minibatch: rb.Minibatch) -> Any:
         m = minibatch
@@ -95,20 +100,20 @@ def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]
 
     def best(state: AgentState, minibatch: rb.Minibatch, N: int) -> Any:
         fewer = replace(config, N=N)
-        m = minibatch
-        return improve(fewer, state.models, state.target_value, m.states, m.goals, floor, key=key)
+        pairs = minibatch.states[some], minibatch.goals[some]
+        return improve(fewer, state.models, state.target_value, aim, *pairs, key=key)
 
     def losses(state: AgentState, minibatch: rb.Minibatch, found: Improvement) -> Any:
-        known = state.target_value, floor
+        models, known = (state.models, state.kept.dynamics), (state.target_value, aim)
         m = minibatch
-        return gradients(config, state.models, m, m.states, found, *known, key=key)[0]
+        return gradients(config, *models, m, m.states, found, *known, key=key)[0]
 
-    minibatch = jit(lambda s: rb.sample(config, s.replay, key=key))(state)
+    minibatch = jit(draw)(state)
     improvement = jit(lambda s, m: best(s, m, config.N))(state, minibatch)
     gradient = jit(losses)(state, minibatch, improvement)
     zeros = jnp.zeros(config.batch_size)
     calls = {
-        "replay: drawing": (lambda s: rb.sample(config, s.replay, key=key), (state,)),
+        "replay: drawing": (draw, (state,)),
         "goal and weight densities": (densities, (state, minibatch)),
         "curriculum's states": (curriculum, (state, minibatch)),
         "candidates, gradients, rollouts": (

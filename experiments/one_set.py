@@ -1,7 +1,7 @@
 """How far one set of numbers carries: python experiments/one_set.py [--runs RUNS].
 
-Makes no run: `everystate train` does, by the options in `TRAINED` and `--run-dir RUNS/NAME`, in 4 to
-25 minutes each on one core, resumable. Of every run that is over it writes
+Makes no run: `everystate train` does, by the options in `TRAINED` and `--run-dir RUNS/NAME`, in 4
+to 25 minutes each on one core, resumable. Of every run that is over it writes
 results/one-set/NAME.json: suites and skills where the body has them; where it has none, whether it
 stands up and stays so. What is there already is left.
 """
@@ -51,7 +51,7 @@ def stands(act: Any, body: str, goal: tuple[float, ...]) -> Bool[np.ndarray, " s
     rng, size = np.random.default_rng(0), env.single_action_space.shape[0]
     for _ in range(PLAY):
         observations, *_ = env.step(rng.uniform(-1, 1, (STARTS, size)).astype(np.float32))
-    goals, upright = np.tile(np.float32(goal), (STARTS, 1)), []
+    goals, upright = np.tile(np.array(goal, np.float32), (STARTS, 1)), []
     for _ in range(STEPS):
         observations, *_ = env.step(act(observations, goals))
         upright.append(_close(observations, goals))
@@ -64,7 +64,7 @@ def _close(
 ) -> Bool[np.ndarray, " starts"]:
     apart = np.arctan2(states[:, 1], states[:, 0]) - np.arctan2(goals[:, 1], goals[:, 0])
     off = np.abs(np.angle(np.exp(1j * apart)))
-    return (off < ANGLE) & (np.abs(states[:, 2] - goals[:, 2]) < SPEED)
+    return np.logical_and(off < ANGLE, np.abs(states[:, 2] - goals[:, 2]) < SPEED)
 
 
 def standing(run: Path, goal: tuple[float, ...]) -> dict[str, float]:

@@ -89,7 +89,9 @@ def test_weights_stay_finite_where_densities_are_not() -> None:
     state = warmed_up(config)
     from everystate.learning import replay as rb
 
-    minibatch = rb.sample(config, state.replay, state.models.dynamics.change_scale, key=jax.random.key(0))
+    minibatch = rb.sample(
+        config, state.replay, state.models.dynamics.change_scale, key=jax.random.key(0)
+    )
     bad = jnp.full(config.batch_size, jnp.nan)
     after = rb.refresh(config, state.replay, minibatch, bad, -bad)
     assert np.array_equal(after.goals.log, state.replay.goals.log)

@@ -1,5 +1,7 @@
 """Flow densities: they integrate to one, agree with their samples, and follow their condition."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -158,7 +160,7 @@ def test_dynamics_are_those_of_the_change_in_its_own_units():
 
 def centred():
     """A flow on R^2 around a centre, given one number; all parameters away from their start."""
-    network = {"width": 8, "depth": 1, "frequencies": 0}
+    network: dict[str, Any] = {"width": 8, "depth": 1, "frequencies": 0}
     keys = jax.random.split(jax.random.key(3))
     around = ConditionalFlow(2, 1, 2, shifted=True, key=keys[0], **network)
     return randomised(Centred(2, 1, around, key=keys[1], **network), 0.3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from everystate import algorithm
-from everystate.algorithm import AgentState, Scale
+from everystate.algorithm import AgentState
 from everystate.learning.averages import averaged
 from everystate.learning.replay import Transitions
 from everystate.learning.units import GROWTH, of_warm_up
@@ -48,7 +48,7 @@ def test_units_of_a_warm_up_are_its_spread_and_one_where_nothing_moved():
     states = jnp.stack([jnp.linspace(-1, 1, 50), jnp.full(50, 1e6), jnp.zeros(50)], axis=1)
     centre, spread = of_warm_up(states[:, None])
     np.testing.assert_allclose(centre, [0, 1e6, 0], atol=1e-6)
-    np.testing.assert_allclose(spread, [np.std(np.linspace(-1, 1, 50)), 1, 1], rtol=1e-5)
+    np.testing.assert_allclose(spread, [float(np.std(np.linspace(-1, 1, 50))), 1.0, 1.0], rtol=1e-5)
 
 
 @pytest.mark.parametrize("factor", [1e-3, 1e3])

@@ -250,9 +250,7 @@ def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics, guar
 
 def in_grown_units(config: Config, state: AgentState) -> tuple[AgentState, Metrics]:
     """The same in larger units, if the body has outgrown the old ones [D33]."""
-    now = Units(
-        state.scale, state.replay, state.episodes.goals, state.models, state.average
-    )
+    now = Units(state.scale, state.replay, state.episodes.goals, state.models, state.average)
     units, metrics = grown(config, now, key=named(state.key, "units", state.epoch))
     return state._replace(
         scale=units.scale,

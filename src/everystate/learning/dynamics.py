@@ -22,15 +22,11 @@ class Dynamics(eqx.Module):
         """The distribution of s', scaled, given one scaled state and one action."""
         return self._after(state, self.change(jnp.concatenate([state, action])))
 
-    def central(
-        self, state: Float[Array, " s"], action: Float[Array, " a"]
-    ) -> Float[Array, " s"]:
+    def central(self, state: Float[Array, " s"], action: Float[Array, " a"]) -> Float[Array, " s"]:
         """The most central s'."""
         return state + self.scale * self.change.central(jnp.concatenate([state, action]))
 
-    def fitted(
-        self, state: Float[Array, " s"], action: Float[Array, " a"]
-    ) -> AbstractTransformed:
+    def fitted(self, state: Float[Array, " s"], action: Float[Array, " a"]) -> AbstractTransformed:
         """The distribution of s', as its likelihood may change it."""
         return self._after(state, self.change.fitted(jnp.concatenate([state, action])))
 
@@ -39,8 +35,6 @@ class Dynamics(eqx.Module):
         """The unit of the change, which is not trained."""
         return jax.lax.stop_gradient(self.change_scale)
 
-    def _after(
-        self, state: Float[Array, " s"], change: AbstractTransformed
-    ) -> AbstractTransformed:
+    def _after(self, state: Float[Array, " s"], change: AbstractTransformed) -> AbstractTransformed:
         onwards = Onwards(state, self.scale)
         return Transformed(StandardNormal(state.shape), Chain([change.bijection, onwards]))

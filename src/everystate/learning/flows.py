@@ -128,9 +128,7 @@ class ConditionalFlow(Conditional):
             size, layers, shifted=shifted, conditioned=True, alternate=alternate, key=key_encoder
         )
         outputs = sum(p.size for p in _elementwise_parameters(self.encoder))
-        self.network = small_at_first(
-            Network(condition_size, outputs, key=key_network, **network)
-        )
+        self.network = small_at_first(Network(condition_size, outputs, key=key_network, **network))
 
     def __call__(self, condition: Float[Array, " c"]) -> AbstractTransformed:
         parameters = _elementwise_parameters(self.encoder)

@@ -38,15 +38,11 @@ class Policy(eqx.Module):
             return sampled  # Its centre is that of z = 0.
         return jnp.where((latent == 0).all(), self.central(state, goal), sampled)
 
-    def central(
-        self, state: Float[Array, " s"], goal: Float[Array, " s"]
-    ) -> Float[Array, " a"]:
+    def central(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
         """The most central action, which may lie beyond the bounds."""
         return self.flow.central(with_goal(state, goal, self.inputs))
 
-    def fitted(
-        self, state: Float[Array, " s"], goal: Float[Array, " s"]
-    ) -> AbstractTransformed:
+    def fitted(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> AbstractTransformed:
         """The distribution of actions, as a likelihood may change it."""
         return self.flow.fitted(with_goal(state, goal, self.inputs))
 
