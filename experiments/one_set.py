@@ -64,7 +64,8 @@ def _close(
 ) -> Bool[np.ndarray, " starts"]:
     apart = np.arctan2(states[:, 1], states[:, 0]) - np.arctan2(goals[:, 1], goals[:, 0])
     off = np.abs(np.angle(np.exp(1j * apart)))
-    return np.logical_and(off < ANGLE, np.abs(states[:, 2] - goals[:, 2]) < SPEED)
+    still = np.abs(states[:, 2] - goals[:, 2]) < SPEED
+    return np.asarray((off < ANGLE) & still)
 
 
 def standing(run: Path, goal: tuple[float, ...]) -> dict[str, float]:

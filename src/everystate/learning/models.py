@@ -1,13 +1,14 @@
 """The five models of Algorithm 1, built together and stepped together."""
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import optax
 from flowjax.distributions import AbstractTransformed
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.dynamics import Dynamics
@@ -133,13 +134,17 @@ def trainable(models: Any) -> Any:
 
 
 def _adam(config: Config, name: str) -> optax.GradientTransformation:
-    total = config.epochs * config.num_updates
-    if name == "dynamics":
-        total *= config.dynamics_updates
-    rate: float | optax.Schedule = config.learning_rate
+    per_epoch = config.num_updates * (config.dynamics_updates if name == "dynamics" else 1)
+    total = config.epochs * per_epoch
+    first, halving = config.learning_rate, config.rate_halving * per_epoch
+    rate: float | optax.Schedule = first
     if cooling := round(config.cooldown * total):
-        rate = optax.linear_schedule(rate, 0.1 * rate, cooling, total - cooling)
-    elif config.rate_halving < math.inf:
-        halving = config.rate_halving * total / config.epochs
-        rate = lambda count: config.learning_rate / (1 + count / halving)  # noqa: E731
+        rate = optax.linear_schedule(first, 0.1 * first, cooling, total - cooling)
+    elif halving < math.inf:
+        rate = partial(_falling, first, halving)
     return optax.chain(optax.clip_by_global_norm(config.gradient_clip), optax.adam(rate))
+
+
+def _falling(first: float, halving: float, step: Int[Array, ""]) -> Float[Array, ""]:
+    """A step size that has halved after `halving` steps, and goes on falling [D35]."""
+    return first / (1 + step.astype(jnp.float32) / halving)

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from everystate.agent import BodyInfo, config_to_json
 from everystate.agent.files import BODY, read_json
@@ -71,19 +72,26 @@ def open_run(folder: Path, config: Config, body: BodyInfo) -> Iterator[Path]:
             ) from error
         # Only now: the other process may have made it a run.
         if (folder / "config.json").exists():
-            _require_same(folder, config, body)
+            description = _require_same(folder, config, body)
         else:
             description = {
                 "format": FORMAT,
-                "config": config_to_json(config),
+                "config": {},
                 "body": {"model_hash": body.model_hash, "versions": dict(body.versions)},
                 "versions": {name: version(name) for name in _PACKAGES},
             }
+        wanted = config_to_json(config)
+        if description["config"] != wanted:
+            description = {**description, "config": wanted}
             write_atomically(folder / "config.json", json.dumps(description, indent=2) + "\n")
         yield folder
 
 
-def _require_same(folder: Path, config: Config, body: BodyInfo) -> None:
+def _require_same(folder: Path, config: Config, body: BodyInfo) -> dict[str, Any]:
+    """What config.json says, if it is of the same config and body: more epochs may be asked for.
+
+    Not where the step size falls towards the last one (`cooldown`), which it has to know then.
+    """
     try:
         description = read_json(folder / "config.json")
         found, format_found = dict(description["config"]), description["format"]
@@ -102,6 +110,7 @@ def _require_same(folder: Path, config: Config, body: BodyInfo) -> None:
         f"{name} {found.get(name)} there and {wanted.get(name)} here"
         for name in [*wanted, *sorted(found.keys() - wanted.keys())]
         if found.get(name) != wanted.get(name)
+        and not (name == "epochs" and _may_go_on(config, found.get(name)))
     ]
     if differing:
         raise EverystateError(
@@ -115,6 +124,11 @@ def _require_same(folder: Path, config: Config, body: BodyInfo) -> None:
             f" another one, under {model.get('versions')} then and {dict(body.versions)} now):"
             f" {copy}choose another --run-dir"
         )
+    return description
+
+
+def _may_go_on(config: Config, epochs: object) -> bool:
+    return not config.cooldown and isinstance(epochs, int) and epochs < config.epochs
 
 
 def write_atomically(path: Path, text: str) -> None:
