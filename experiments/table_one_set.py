@@ -1,0 +1,44 @@
+"""The table of one set of numbers on every body: python experiments/one_set.py measures them."""
+
+import re
+from collections import defaultdict
+from statistics import median
+
+from table_agents import percent
+from table_cells import NONE, RESULTS, Rows, Run, at, middle, read, table, values
+
+READINGS = {
+    "stands": ("stands", "policy"),
+    "at rest, end@0.5": ("suites", "rest", "policy", "score", "all"),
+    "in motion, hit@0.5": ("suites", "motion", "policy", "score", "all"),
+}
+
+
+@table
+def one_set() -> Rows:
+    """A row per body: medians over seeds and their range; beside them what else was measured."""
+    found: dict[str, list[Run]] = defaultdict(list)
+    for path in sorted((RESULTS / "one-set").glob("*.json")):
+        found[re.sub(r"-\d+$", "", path.stem)].append(read(f"one-set/{path.name}"))
+    heads = ["body", "seeds", "minutes", *READINGS, "its own set, at rest", "in motion"]
+    rows = [[*heads, "random, stands", "doing nothing, stands"]]
+    for body, runs in found.items():
+        tuned = (
+            read(f"agents/{body}.json") if (RESULTS / "agents" / f"{body}.json").exists() else {}
+        )
+        rest, motion = (READINGS[name] for name in list(READINGS)[1:])
+        cells = [_range(values(runs, *names)) for names in READINGS.values()]
+        cells += [percent(at(tuned, *rest)), percent(at(tuned, *motion))]
+        cells += [_range(values(runs, "stands", name)) for name in ("random", "nothing")]
+        minutes = middle(values(runs, "minutes"), times=1)
+        rows.append([body, f"{len(runs)}", minutes, *cells])
+    return rows
+
+
+def _range(shares: list[float]) -> str:
+    """The median, and the least and the most of several."""
+    if not shares:
+        return NONE
+    of_all = f"{100 * median(shares):.0f}"
+    least, most = 100 * min(shares), 100 * max(shares)
+    return of_all if len(shares) == 1 else f"{of_all} ({least:.0f} to {most:.0f})"
