@@ -115,7 +115,7 @@ def test_nothing_is_learned_across_an_end(tmp_path: Path) -> None:
     replay, scale = snapshot.agent.replay, snapshot.agent.scale
     filled = int(replay.size)
     before, after = (
-        np.asarray(x)[:filled, 0] * np.asarray(scale.spread)[0]
+        np.asarray(scale.unscaled(x))[:filled, 0]
         for x in (replay.transitions.observations, replay.transitions.next_observations)
     )
     assert np.abs(after - before).max() < 0.41
