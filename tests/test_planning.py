@@ -10,17 +10,34 @@ import pytest
 from flowjax.distributions import Normal
 
 from everystate.errors import EverystateError
+from everystate.learning.flows import decode
 from everystate.learning.planning import Planning, plan
 from everystate.presets import preset
 
 CONFIG = preset("test", reward_space="state", k=10.0, absorb=1.0, discount=0.98)
 
 
-def known(dynamics: Any, value: Any, actions: int = 1) -> Any:
+class World:
+    """Dynamics by a function."""
+
+    def __init__(self, outcomes: Any) -> None:
+        self._outcomes = outcomes
+
+    def __call__(self, state: Any, action: Any) -> Any:
+        return self._outcomes(state, action)
+
+    def central(self, state: Any, action: Any) -> Any:
+        return decode(self(state, action), jnp.zeros(2))
+
+
+def known(outcomes: Any, value: Any, actions: int = 1) -> Any:
     """Models whose policy knows nothing."""
     wide = Normal(jnp.zeros(actions), jnp.full(actions, 1.0))
     return SimpleNamespace(
-        state_flow=Normal(jnp.zeros(2)), dynamics=dynamics, policy=lambda *_: wide, value=value
+        state_flow=Normal(jnp.zeros(2)),
+        dynamics=World(outcomes),
+        policy=lambda *_: wide,
+        value=lambda state, goal: value(state, goal)[None],
     )
 
 
