@@ -42,7 +42,10 @@ class PaperSum(NamedTuple):
 
     def counted(self, near: Float[Array, " steps"], last: Heads) -> Heads:
         """The heads before several steps: what V is fitted to."""
-        return _before(self, near, last)
+        total = value.bounded(self.config, last, jnp.asarray(self.floor))
+        for step in reversed(range(len(near))):
+            total = near[step] - 1 + value.remaining(self.config, near[step]) * total
+        return total
 
     def climbed(self, near: Float[Array, " steps"], last: Heads) -> Float[Array, ""]:
         """What the policy makes large over these steps: reaching may end no count [D25]."""
@@ -103,7 +106,9 @@ class HitAndStay(NamedTuple):
 
     def counted(self, near: Float[Array, " steps"], last: Heads) -> Heads:
         """The heads before several steps: what V is fitted to."""
-        return _before(self, near, last)
+        for step in reversed(range(len(near))):
+            last = self.backup(near[step], last)
+        return last
 
     def climbed(self, near: Float[Array, " steps"], last: Heads) -> Float[Array, ""]:
         """What the policy makes large over these steps."""
@@ -138,9 +143,3 @@ _FIRST_LOGIT = -4.0
 def objective(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> Objective:
     """That of a config; `floor` as in `PaperSum`."""
     return HitAndStay(config) if config.objective == "hit-and-stay" else PaperSum(config, floor)
-
-
-def _before(aim: Objective, near: Float[Array, " steps"], heads: Heads) -> Heads:
-    for step in reversed(range(len(near))):
-        heads = aim.backup(near[step], heads)
-    return heads
