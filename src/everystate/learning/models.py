@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import optax
 from flowjax.distributions import AbstractTransformed
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.dynamics import Dynamics
@@ -145,6 +145,6 @@ def _adam(config: Config, name: str) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(config.gradient_clip), optax.adam(rate))
 
 
-def _falling(first: float, halving: float, step: Int[Array, ""]) -> Float[Array, ""]:
+def _falling(first: float, halving: float, step: ArrayLike) -> Float[Array, ""]:
     """A step size that has halved after `halving` steps, and goes on falling [D35]."""
-    return first / (1 + step.astype(jnp.float32) / halving)
+    return first / (1 + jnp.asarray(step, jnp.float32) / halving)
