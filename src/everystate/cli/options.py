@@ -20,8 +20,8 @@ class Train(Config):
     body: tyro.conf.Positional[str] = "ramp-pointmass"
     """Body to learn; `everystate bodies` lists them."""
     preset: str = "quick"
-    """Preset: quick (for two cores), paper, literal (paper without stabilisers) or test. It sets
-    the defaults of the options below."""
+    """Preset: quick (for two cores), any (quick, but with no settings of a body's own), paper,
+    literal (paper without stabilisers) or test. It sets the defaults of the options below."""
     run_dir: Path | None = None
     """Folder of the run, by default runs/BODY-PRESET-seedSEED."""
     quiet: bool = False
