@@ -6,18 +6,17 @@ results/one-set/NAME.json: suites and skills where the body has them; where it h
 stands up and stays so. What is there already is left.
 """
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
+from made_runs import curves, write_missing
 
 import everystate
 from everystate import envs, evaluation
 from everystate.agent.files import read_lines
-from everystate.evaluation import raw
 from everystate.skills import SKILLS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -41,7 +40,6 @@ STARTS, PLAY, STEPS, LAST = 100, 100, 200, 25
 ANGLE, SPEED = 0.2, 0.5
 """Most that it may be off, in rad and rad/s."""
 _KEPT = ("epoch", "steps", "episode/reached", "units/", "eval/rest/score", "eval/motion/score")
-_DIGITS = 4
 
 
 def stands(act: Any, body: str, goal: tuple[float, ...]) -> Bool[np.ndarray, " starts"]:
@@ -93,40 +91,13 @@ def measured(run: Path) -> dict[str, Any]:
         found: dict[str, Any] = {"stands": standing(run, UPRIGHT[name])}
     else:
         found = evaluation.evaluate(run, skills=body in SKILLS)
-    columns = dict.fromkeys(n for line in lines for n in line if n.startswith(_KEPT))
-    curves = {n: [_short(line.get(n)) for line in lines] for n in columns}
     trained = {"options": list(TRAINED[run.name]), **config}
-    return {**found, "trained": trained, "minutes": _minutes(lines), "curves": curves}
+    return {**found, "trained": trained, "minutes": _minutes(lines), "curves": curves(lines, _KEPT)}
 
 
 def _minutes(lines: list[dict[str, Any]]) -> float:
     return round(lines[-1]["time/elapsed_s"] / 60, 1)
 
 
-def _short(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.{_DIGITS}g}")
-
-
-def main() -> None:
-    """Writes what is missing."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--runs", type=Path, default=Path("runs"))
-    runs = parser.parse_args().runs
-    for name, options in TRAINED.items():
-        run, path = runs / name, RESULTS / f"{name}.json"
-        if path.exists():
-            continue
-        if not (run / "config.json").exists():
-            print(f"not run: everystate train {' '.join(options)} --run-dir {run}")
-            continue
-        epochs = json.loads((run / "config.json").read_text())["config"]["epochs"]
-        lines = read_lines(run / "metrics.jsonl")
-        if not lines or lines[-1]["epoch"] < epochs:
-            print(f"not over: {run}")
-            continue
-        raw.write(path, measured(run))
-        print(path)
-
-
 if __name__ == "__main__":
-    main()
+    write_missing(str(__doc__), TRAINED, RESULTS, measured)

@@ -6,14 +6,14 @@ or broken down, it writes results/paper/NAME.json: how its last agent does on th
 skills, some columns of its metrics, and what ended it. What is there already is left.
 """
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
 
+from made_runs import curves, write_missing
+
 from everystate import evaluation
 from everystate.agent.files import read_lines
-from everystate.evaluation import raw
 from everystate.skills import SKILLS
 
 RESULTS = Path(__file__).resolve().parent.parent / "results" / "paper"
@@ -33,7 +33,6 @@ TRAINED = {
 """Options of `everystate train`, by the name of the run."""
 _KEPT = ("epoch", "steps", "episode/length", "episode/reached", "value/", "coverage/", "replay/ess")
 _KEPT += ("env/falls", "eval/success", "eval/rest/score", "eval/motion/score")
-_DIGITS = 4
 
 
 def measured(run: Path) -> dict[str, Any]:
@@ -44,41 +43,14 @@ def measured(run: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if any((run / "checkpoints").glob("[0-9]*")):
         found = evaluation.evaluate(run, skills=config["config"]["body"] in SKILLS)
-    columns = dict.fromkeys(n for line in lines for n in line if n.startswith(_KEPT))
-    curves = {n: [_short(line.get(n)) for line in lines] for n in columns}
     return {
         **found,
         "trained": {"options": list(TRAINED[run.name]), **config},
         "epochs": lines[-1]["epoch"] if lines else 0,
         "broke_in_epoch": int(faults[0].name) if faults else None,
-        "curves": curves,
+        "curves": curves(lines, _KEPT),
     }
 
 
-def _short(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.{_DIGITS}g}")
-
-
-def main() -> None:
-    """Writes what is missing."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--runs", type=Path, default=Path("runs"))
-    runs = parser.parse_args().runs
-    for name, options in TRAINED.items():
-        run, path = runs / name, RESULTS / f"{name}.json"
-        if path.exists():
-            continue
-        if not (run / "config.json").exists():
-            print(f"not run: everystate train {' '.join(options)} --run-dir {run}")
-            continue
-        lines = read_lines(run / "metrics.jsonl")
-        epochs = json.loads((run / "config.json").read_text())["config"]["epochs"]
-        if not (run / "faults").exists() and (not lines or lines[-1]["epoch"] < epochs):
-            print(f"not over: {run}")
-            continue
-        raw.write(path, measured(run))
-        print(path)
-
-
 if __name__ == "__main__":
-    main()
+    write_missing(str(__doc__), TRAINED, RESULTS, measured)
