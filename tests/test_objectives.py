@@ -13,9 +13,9 @@ DISCOUNT = 0.9
 AIM = objective(preset("test", objective="hit-and-stay", discount=DISCOUNT))
 
 
-def counted(near):
+def counted(near, now=0.0):
     """Hit and stay before a way with this closeness at each step, after which nothing comes."""
-    return np.asarray(AIM.counted(jnp.array(near), jnp.zeros(2)))
+    return np.asarray(AIM.counted(jnp.array([now, *near]), jnp.zeros(2)))
 
 
 def test_the_objective_is_the_configs():
@@ -28,7 +28,7 @@ def test_the_objective_is_the_configs():
 def test_a_goal_that_is_passed_is_hit_as_one_that_is_held_but_does_not_stay():
     passed, held = [0.0, 0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0, 1.0]
     hit, stay = counted(passed)
-    assert hit == pytest.approx(DISCOUNT**2)
+    assert hit == pytest.approx(DISCOUNT**3)
     assert stay == pytest.approx((1 - DISCOUNT) * DISCOUNT**2)
     assert counted(held)[0] == pytest.approx(hit)
     assert counted(held)[1] == pytest.approx((1 - DISCOUNT) * sum(DISCOUNT**t for t in (2, 3, 4)))
@@ -36,19 +36,29 @@ def test_a_goal_that_is_passed_is_hit_as_one_that_is_held_but_does_not_stay():
 
 def test_being_half_way_there_for_ever_is_no_hit():
     """Many steps at half the closeness count as the best of them, not as their sum."""
-    assert counted([0.5] * 50)[0] == pytest.approx(0.5)
-    assert counted([0.3, 0.9, 0.3])[0] == pytest.approx(DISCOUNT * 0.9)
+    assert counted([0.5] * 50, now=0.5)[0] == pytest.approx(0.5)
+    assert counted([0.3, 0.9, 0.3])[0] == pytest.approx(DISCOUNT**2 * 0.9)
+
+
+def test_where_a_goal_is_met_there_is_no_more_to_hit_and_only_staying_is_asked_for():
+    """V(s, s) = 0 (eq. 2): no way is better than the one that is over, and none is worse."""
+    for near in ([0.0, 0.0], [0.3, 0.9], [1.0, 1.0]):
+        hit, stay = counted(near, now=1.0)
+        assert hit == 1
+        assert stay == pytest.approx(counted(near)[1])
+    worth = jax.grad(lambda way: AIM.counted(way, jnp.zeros(2))[0])
+    assert np.all(np.asarray(worth(jnp.array([0.95, 0.97, 0.97])))[1:] == 0)
+    assert np.any(np.asarray(worth(jnp.array([0.5, 0.97, 0.97])))[1:] > 0)
 
 
 def test_staying_for_good_is_worth_one():
-    assert counted([1.0] * 200) == pytest.approx([1, 1], abs=1e-4)
+    assert counted([1.0] * 200, now=1.0) == pytest.approx([1, 1], abs=1e-4)
 
 
 def test_the_steps_are_those_to_the_hit():
     for steps in range(1, 8):
         heads = counted([0.0] * (steps - 1) + [1.0])
-        # The step onto the goal costs nothing: the reward is that of the state arrived at.
-        assert float(AIM.steps(jnp.asarray(heads)[None])[0]) == pytest.approx(steps - 1, abs=1e-4)
+        assert float(AIM.steps(jnp.asarray(heads)[None])[0]) == pytest.approx(steps, abs=1e-4)
     assert np.isfinite(AIM.steps(jnp.zeros((1, 2)))).all()
 
 
@@ -57,7 +67,7 @@ def test_both_are_climbed_alike_in_steps():
     horizon = 1 / (1 - DISCOUNT)
     worths = [float(AIM.worth(x)) for x in (far, met, held)]
     assert worths == pytest.approx([-2 * horizon, -horizon, 0])
-    way = jnp.array([0.2, 0.7])
+    way = jnp.array([0.1, 0.2, 0.7])
     assert float(AIM.climbed(way, met)) == float(AIM.worth(AIM.counted(way, met)))
     assert float(AIM.ahead(way, met)) == float(AIM.climbed(way, met))
 

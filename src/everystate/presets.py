@@ -70,6 +70,7 @@ _ANY = _SMALL | {
     "rare_share": 0.5,
     "calm_share": 1 / 3,
     "objective": "hit-and-stay",
+    "discount": 0.99,
     "kernel_width": 0.3,
     "both_goals": True,
     "centres": True,

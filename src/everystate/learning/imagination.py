@@ -80,6 +80,7 @@ def imagined_returns(
             return after, closeness(config, place(after), place(goal))
 
         last, near = jax.lax.scan(step, state, jax.random.split(key, steps))
+        near = jnp.concatenate([closeness(config, place(state), place(goal))[None], near])
         heads = aim.read(target_value(last, goal))
         return Imagined(aim.climbed(near, heads), aim.counted(near, heads))
 

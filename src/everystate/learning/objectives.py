@@ -1,8 +1,9 @@
 """What V counts, and what is climbed by it: the paper's sum of rewards, or hit and stay.
 
 V is a network with one output per count, here called heads. An objective says what these are, what
-one step makes of them, which single number of them is climbed, how they are fitted, and how many
-steps they amount to.
+a way makes of them, which single number of them is climbed, how they are fitted, and how many steps
+they amount to. A way of n steps is given by the closeness h of its n + 1 states to the goal, that
+of where it begins included.
 """
 
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from everystate.config import Config
 from everystate.learning import value
 
 Heads = Float[Array, " heads"]
+Way = Float[Array, " states"]
 NO_FLOOR = -jnp.inf
 """For V itself, which is held by nothing."""
 
@@ -36,28 +38,28 @@ class PaperSum(NamedTuple):
         """The heads, from the network's outputs."""
         return outputs
 
-    def backup(self, near: Float[Array, ""], after: Heads) -> Heads:
-        """The heads before a step that ended with closeness h = `near`, from those after it."""
-        return value.backup(self.config, near, after[0], jnp.asarray(self.floor))[None]
+    def counted(self, near: Way, last: Heads) -> Heads:
+        """The heads where a way begins, from those where it ends: r + V_targ, what V is fitted to.
 
-    def counted(self, near: Float[Array, " steps"], last: Heads) -> Heads:
-        """The heads before several steps: what V is fitted to."""
+        `bound_value` holds V_targ within [floor, 0], the values it can truly have [D4]. It does so
+        here rather than in the network: an output through softplus, once at 0, stayed there.
+        """
         total = value.bounded(self.config, last, jnp.asarray(self.floor))
-        for step in reversed(range(len(near))):
+        for step in reversed(range(1, len(near))):
             total = near[step] - 1 + value.remaining(self.config, near[step]) * total
         return total
 
-    def climbed(self, near: Float[Array, " steps"], last: Heads) -> Float[Array, ""]:
-        """What the policy makes large over these steps: reaching may end no count [D25]."""
+    def climbed(self, near: Way, last: Heads) -> Float[Array, ""]:
+        """What the policy makes large over a way: reaching may end no count [D25]."""
         if self.config.imagined_absorb:
             return self.worth(self.counted(near, last))
         held = value.bounded(self.config, last, jnp.asarray(self.floor))
         return self.ahead(near, held)
 
-    def ahead(self, near: Float[Array, " steps"], last: Heads) -> Float[Array, ""]:
-        """What a search makes large over these steps: reaching ends no count here [D10]."""
+    def ahead(self, near: Way, last: Heads) -> Float[Array, ""]:
+        """What a search makes large over a way: reaching ends no count here [D10]."""
         total = last[0]
-        for step in reversed(range(len(near))):
+        for step in reversed(range(1, len(near))):
             total = near[step] - 1 + self.config.discount * total
         return total
 
@@ -82,8 +84,9 @@ class PaperSum(NamedTuple):
 class HitAndStay(NamedTuple):
     """Two heads in [0, 1]: how well and soon a goal is met, and for how long it is held [D31].
 
-    Hit: the largest gamma^t h_t on the way, which is the value of stopping when it is best, with
-    the closeness h as payoff. What comes after counts for nothing: so it asks for goals in motion.
+    Hit: the largest gamma^t h_t from now on, which is the value of stopping when it is best, with
+    the closeness h as payoff: 1 at the goal, as V(s, s) = 0 has it (eq. 2). What comes after counts
+    for nothing: so it asks for goals in motion, and for nothing more where one is met.
     Stay: the mean of h over time, with weights gamma^t: so it asks for rest where that is possible.
     """
 
@@ -98,24 +101,21 @@ class HitAndStay(NamedTuple):
         """The heads, from the network's outputs: at first nearly 0, as nothing is known to lead."""
         return jax.nn.sigmoid(outputs + _FIRST_LOGIT)
 
-    def backup(self, near: Float[Array, ""], after: Heads) -> Heads:
-        """The heads before a step that ended with closeness h = `near`, from those after it."""
+    def counted(self, near: Way, last: Heads) -> Heads:
+        """The heads where a way begins, from those where it ends: what V is fitted to."""
         discount = self.config.discount
-        hit = jnp.maximum(near, discount * after[0])
-        return jnp.stack([hit, (1 - discount) * near + discount * after[1]])
+        hit, stay = jnp.maximum(near[-1], last[0]), last[1]
+        for step in reversed(range(1, len(near))):
+            hit = jnp.maximum(near[step - 1], discount * hit)
+            stay = (1 - discount) * near[step] + discount * stay
+        return jnp.stack([hit, stay])
 
-    def counted(self, near: Float[Array, " steps"], last: Heads) -> Heads:
-        """The heads before several steps: what V is fitted to."""
-        for step in reversed(range(len(near))):
-            last = self.backup(near[step], last)
-        return last
-
-    def climbed(self, near: Float[Array, " steps"], last: Heads) -> Float[Array, ""]:
-        """What the policy makes large over these steps."""
+    def climbed(self, near: Way, last: Heads) -> Float[Array, ""]:
+        """What the policy makes large over a way."""
         return self.worth(self.counted(near, last))
 
-    def ahead(self, near: Float[Array, " steps"], last: Heads) -> Float[Array, ""]:
-        """What a search makes large over these steps."""
+    def ahead(self, near: Way, last: Heads) -> Float[Array, ""]:
+        """What a search makes large over a way."""
         return self.climbed(near, last)
 
     def worth(self, heads: Heads) -> Float[Array, ""]:

@@ -84,6 +84,7 @@ def plan(
                 return after, closeness(config, place(after), place_goal)
 
             last, near = jax.lax.scan(one, state, (actions, noise))
+            near = jnp.concatenate([closeness(config, place(state), place_goal)[None], near])
             return aim.ahead(near, aim.read(models.value(last, goal)))
 
         return score(config, jax.vmap(outcome)(noises))

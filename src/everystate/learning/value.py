@@ -1,4 +1,4 @@
-"""Targets of the value (4.3, eq. 2), and the steps that a value stands for."""
+"""What counts in the value of what comes after (4.3, eq. 2), and the steps a value stands for."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -6,23 +6,13 @@ from jaxtyping import Array, Float, Int
 from everystate.config import Config
 
 
-def backup(
-    config: Config, near: Float[Array, ""], value: Float[Array, ""], floor: Float[Array, ""]
-) -> Float[Array, ""]:
-    """r + V_targ(s', g) with r = -1 + near (eq. 2).
-
-    `bound_value` holds V_targ within [floor, 0], the values it can truly have [D4]. It does so
-    here rather than in the network: an output through softplus, once at 0, stayed there.
+def remaining(config: Config, near: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """The share of what comes after s' that counts.
 
     With `absorb`, V_targ counts only for the share of s' that has not reached g, or gone on from
     it: eq. 2's V(s, s) = 0 in proportion to a power of the reward's partial credit [D10].
     `discount` [D18].
     """
-    return near - 1 + remaining(config, near) * bounded(config, value, floor)
-
-
-def remaining(config: Config, near: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """The share of what comes after s' that counts."""
     return config.discount * (1 - config.absorb * near**config.absorb_power)
 
 
