@@ -92,8 +92,8 @@ class Agent:
     def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """About how many control steps each state is from its goal: -V(s, g) (4.2) [D18], [D31].
 
-        The reward is that of the state arrived at, so the step onto the goal costs nothing: from
-        afar the true value is one step less than the distance.
+        By the paper's sum the step onto the goal costs nothing, as the reward is that of the state
+        arrived at: from afar the true value is one step less than the distance.
         """
         states, goals, single = self._pairs(observation, goal)
         heads = _heads(self.config, self.models, states, goals)
