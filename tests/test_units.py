@@ -12,7 +12,7 @@ from everystate import algorithm
 from everystate.algorithm import AgentState
 from everystate.learning.averages import averaged
 from everystate.learning.replay import Transitions
-from everystate.learning.units import GROWTH, of_warm_up
+from everystate.learning.units import GROWTH, grown, of_warm_up
 from everystate.presets import preset
 
 CONFIG = preset("test", "no-such-body", num_bodies=10, warmup_steps=20, capacity=4_000)
@@ -60,7 +60,7 @@ def test_units_do_not_depend_on_what_a_component_is_measured_in(factor):
 
 def test_nothing_moves_while_the_body_stays_where_it_was():
     state = begun()
-    after, metrics = algorithm.in_grown_units(CONFIG, state)
+    after, metrics = grown(CONFIG, state, key=jax.random.key(3))
     assert float(metrics["units/grew"]) == 0
     before, now = (jax.tree.leaves(eqx.filter(s, eqx.is_inexact_array)) for s in (state, after))
     assert all(np.array_equal(a, b) for a, b in zip(before, now, strict=True))
@@ -70,7 +70,7 @@ def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():
     state = algorithm.observe(CONFIG, begun(), walk(4.0))
     goals = jax.random.normal(jax.random.key(2), state.episodes.goals.shape)
     state = state._replace(episodes=state.episodes._replace(goals=goals))
-    after, metrics = algorithm.in_grown_units(CONFIG, state)
+    after, metrics = grown(CONFIG, state, key=jax.random.key(3))
     assert float(metrics["units/grew"]) == 1
     assert float(metrics["units/largest"]) > GROWTH
     assert np.all(np.asarray(after.scale.spread) >= np.asarray(state.scale.spread))
@@ -86,7 +86,7 @@ def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():
     # What a step changes a component by is measured anew, and is what it was, in the body's units.
     changes = [s.models.dynamics.change_scale * s.scale.spread for s in (state, after)]
     assert np.all(np.asarray(changes[1]) > np.asarray(changes[0]))
-    again, metrics = algorithm.in_grown_units(CONFIG, after)
+    again, metrics = grown(CONFIG, after, key=jax.random.key(4))
     assert float(metrics["units/grew"]) == 0
     assert np.array_equal(again.scale.spread, after.scale.spread)
     # The average begins anew, with the networks that go on in the new units.

@@ -7,53 +7,45 @@ scaled on the way in: below this file everything is in scaled units.
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning import episodes as ep
 from everystate.learning import guard
 from everystate.learning import replay as rb
-from everystate.learning.averages import averaged
-from everystate.learning.curriculum import replaced
-from everystate.learning.flows import decode
-from everystate.learning.goals import choose_goals
+from everystate.learning.draws import Draws, draw
+from everystate.learning.epoch import Metrics, repeated
 from everystate.learning.keys import named
 from everystate.learning.losses import gradients
 from everystate.learning.models import Models, Scale, new_models, new_optimisers, step
 from everystate.learning.networks import Value
 from everystate.learning.objectives import objective
+from everystate.learning.pairs import paired
 from everystate.learning.policy import Policy, improve
 from everystate.learning.practice import practise
 from everystate.learning.replay import Transitions
 from everystate.learning.sharding import joined, split
-from everystate.learning.units import Units, grown
+from everystate.learning.state import AgentState
+from everystate.learning.units import grown
 from everystate.learning.value import lowest
 
-Metrics = dict[str, Float[Array, "*updates"]]
-
-
-class AgentState(NamedTuple):
-    """All that training changes."""
-
-    models: Models
-    target_value: Value
-    optimisers: tuple[optax.OptState, ...]  # One per model.
-    replay: rb.Replay
-    episodes: ep.Episodes
-    scale: Scale
-    key: PRNGKeyArray
-    epoch: Int[Array, ""]
-    copies: Int[Array, ""]  # Of V to V_targ.
-    average: Models | None  # Of the weights; None: there is none [D35].
-
-    @property
-    def kept(self) -> Models:
-        """What makes the agent that is kept."""
-        return self.average or self.models
+__all__ = [
+    "Actor",
+    "AgentState",
+    "Draws",
+    "Models",
+    "Scale",
+    "act",
+    "actor_of",
+    "draw",
+    "init",
+    "observe",
+    "update",
+    "update_once",
+]
 
 
 class Actor(NamedTuple):
@@ -62,19 +54,6 @@ class Actor(NamedTuple):
     policy: Policy
     value: Value
     scale: Scale
-
-
-class Draws(NamedTuple):
-    """What chance decides about a step of some bodies, apart from their own noise."""
-
-    goals: Float[Array, "*steps bodies s"]
-    """Scaled; for those whose episode is over."""
-    latents: Float[Array, "*steps bodies a"]
-    """z of the actions a = pi_dec(z)."""
-    wanders: Bool[Array, "*steps bodies 1"] | None = None
-    """Which bodies act at random in this epoch [D22]; None: nobody ever does."""
-    anywhere: Float[Array, "*steps bodies a"] | None = None
-    """How they act."""
 
 
 def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray) -> AgentState:
@@ -110,38 +89,6 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
 def actor_of(state: AgentState) -> Actor:
     """The part that acts."""
     return Actor(state.models.policy, state.models.value, state.scale)
-
-
-def draw(config: Config, state: AgentState) -> Draws:
-    """All that chance decides about an epoch of collection: neither f nor replay changes in it.
-
-    Leaves are [steps, bodies, ...]; what is drawn for a body is so however bodies are grouped.
-    """
-    action_size = state.replay.transitions.actions.shape[-1]
-
-    def moment(step: Int[Array, ""]) -> Draws:
-        key = named(state.key, "act", step)
-        keys = jax.random.split(named(key, "actions"), config.num_bodies)
-        draws = Draws(
-            goals=choose_goals(config, state.models, state.replay, key=named(key, "goals")),
-            latents=jax.vmap(lambda key: jax.random.normal(key, (action_size,)))(keys),
-        )
-        epoch, since = step // config.steps_per_epoch, step // config.wander_steps
-        if config.central_share:
-            key = named(state.key, "central", epoch)
-            central = jax.random.bernoulli(key, config.central_share, (config.num_bodies, 1))
-            draws = draws._replace(latents=jnp.where(central, 0.0, draws.latents))
-        if not config.wander_share:
-            return draws
-        chosen = named(state.key, "wander", epoch), named(state.key, "wandering", since)
-        return draws._replace(
-            wanders=jax.random.bernoulli(chosen[0], config.wander_share, (config.num_bodies, 1)),
-            anywhere=jax.random.uniform(chosen[1], draws.latents.shape, minval=-1, maxval=1),
-        )
-
-    steps = jnp.arange(config.steps_per_epoch, dtype=jnp.int32)
-    # One step after the other: all at once would hold m candidates for every goal of the epoch.
-    return jax.lax.map(moment, state.epoch * config.steps_per_epoch + steps)
 
 
 def act(
@@ -195,128 +142,70 @@ def observe(config: Config, state: AgentState, transitions: Transitions) -> Agen
 def update(config: Config, state: AgentState) -> tuple[AgentState, Metrics, guard.Fault]:
     """An epoch of learning: n_updates updates with their target copies, then the state decay.
 
-    Updates that are not finite change no model, nor do those after them if `config.not_finite` is
-    "stop"; the first is handed out. Metrics are means over the others.
+    What is not finite changes no model, and the first of it is handed out: see `epoch.repeated`.
     """
-    copies, period = config.num_updates // config.target_period, config.target_period
-    keys = jax.random.split(named(state.key, "update", state.epoch), (copies, period))
-    numbers = jnp.arange(config.num_updates, dtype=jnp.int32).reshape(copies, period)
-    arrays, static = eqx.partition(state, eqx.is_array)
-
-    def one(
-        carry: tuple[AgentState, guard.Fault], now: tuple[Int[Array, ""], PRNGKeyArray]
-    ) -> tuple[tuple[AgentState, guard.Fault], tuple[Metrics, Bool[Array, ""]]]:
-        (arrays, fault), (number, key) = carry, now
-        state = eqx.combine(arrays, static)
-        after, metrics, batch = update_once(config, state, key=key)
-        fine = guard.finite(metrics)
-        fault = guard.first(fault, number, batch, fine)
-        taken = fine if config.not_finite == "roll-back" else fault.update < 0
-        if state.average is not None:
-            count = state.epoch * config.num_updates + number
-            average = averaged(config, state.average, after.models, count)
-            after = after._replace(average=guard.chosen(taken, average, state.average))
-        after = after._replace(
-            models=guard.chosen(taken, after.models, state.models),
-            optimisers=guard.chosen(taken, after.optimisers, state.optimisers),
-        )
-        return (eqx.filter(after, eqx.is_array), fault), (metrics, taken)
-
-    def until_next_copy(
-        carry: tuple[AgentState, guard.Fault], now: tuple[Int[Array, " n"], Key[Array, " n"]]
-    ) -> tuple[tuple[AgentState, guard.Fault], tuple[Metrics, Bool[Array, " n"]]]:
-        arrays, fault = carry
-        arrays = arrays._replace(target_value=arrays.models.value, copies=arrays.copies + 1)
-        return jax.lax.scan(one, (arrays, fault), now)
-
-    begun = arrays, guard.no_fault(config, state.replay.transitions)
-    (arrays, fault), (every, taken) = jax.lax.scan(until_next_copy, begun, (numbers, keys))
-    state = eqx.combine(arrays, static)
-    metrics = {name: values.mean(where=taken) for name, values in every.items()}
-    fault = fault._replace(metrics={n: x.reshape(-1)[fault.update] for n, x in every.items()})
-    metrics["update/taken"] = taken.mean(dtype=jnp.float32)
-    metrics |= rb.replay_metrics(config, state.replay)
-    metrics |= ep.episode_metrics(state.episodes)
+    state, metrics, fault = repeated(
+        config, state, lambda state, key: update_once(config, state, key=key)
+    )
+    metrics |= rb.replay_metrics(config, state.replay) | ep.episode_metrics(state.episodes)
     if config.units == "running":
-        state, changes = in_grown_units(config, state)
+        state, changes = grown(config, state, key=named(state.key, "units", state.epoch))
         metrics |= changes
     state = state._replace(
         replay=rb.decay_states(state.replay, config.half_life),
-        episodes=state.episodes._replace(tally=jnp.zeros(3)),
+        episodes=ep.without_tally(state.episodes),
         epoch=state.epoch + 1,
     )
     return state, metrics, fault
-
-
-def in_grown_units(config: Config, state: AgentState) -> tuple[AgentState, Metrics]:
-    """The same in larger units, if the body has outgrown the old ones [D33]."""
-    now = Units(state.scale, state.replay, state.episodes.goals, state.models, state.average)
-    units, metrics = grown(config, now, key=named(state.key, "units", state.epoch))
-    return state._replace(
-        scale=units.scale,
-        replay=units.replay,
-        episodes=state.episodes._replace(goals=units.goals),
-        models=units.models,
-        average=units.average,
-    ), metrics
 
 
 def update_once(
     config: Config, state: AgentState, *, key: PRNGKeyArray
 ) -> tuple[AgentState, Metrics, guard.Batch]:
     """The body of Algorithm 1's `for update`, with all models stepping at once [D11]."""
-    models = state.models
+    models, target, imagines = state.models, state.target_value, state.kept.dynamics
+
+    # (s, g) and (s, a, s') from the buffers; s_c ~ c(s|g) in the place of some s.
     unit = models.dynamics.change_scale
     drawn = joined(config, rb.sample(config, state.replay, unit, key=named(key, "replay")))
     minibatch = split(config, drawn)
-    states, goals, t = minibatch.states, minibatch.goals, minibatch.transitions
-
-    # s_c ~ c(s|g) takes the place of s where f makes that likely enough.
-    latents = jax.random.normal(named(key, "c"), states.shape)
-    proposed = jax.vmap(lambda g, z: decode(models.curriculum(g), z))(goals, latents)
-    scored = jnp.stack([states, proposed, goals, t.observations, t.next_observations])
-    lp_state, lp_proposed, lp_goal, lp_before, lp_after = models.state_flow.log_prob(scored)
-    use = replaced(config, lp_proposed, lp_state, key=named(key, "replace"))
-    starts = jnp.where(use[:, None], proposed, states)
-    if config.pursued_share:
-        chance = config.pursued_share, (config.batch_size, 1)
-        pursued = jax.random.bernoulli(named(key, "pursued"), *chance)
-        starts = jnp.where(pursued, t.observations, starts)
-        goals = jnp.where(pursued, t.goals, goals)
-        minibatch = minibatch._replace(goals=goals)
+    pairs = paired(config, models, minibatch, key=key)
+    minibatch = minibatch._replace(goals=pairs.goals)
 
     # a_best and v_targ for each (s, g), or for the first of them.
     aim = objective(config, lowest(config, state.copies))
-    imagines = state.kept.dynamics
-    some = slice(config.improved_pairs)
     improvement = improve(
         config,
         models._replace(dynamics=imagines),
-        state.target_value,
+        target,
         aim,
-        starts[some],
-        goals[some],
+        pairs.starts[: config.improved_pairs],
+        pairs.goals[: config.improved_pairs],
         key=named(key, "improve"),
     )
 
+    # A step of f, d, pi, c and V, and more of d.
     gradient, losses = gradients(
         config,
         models,
         imagines,
         minibatch,
-        starts,
+        pairs.starts,
         improvement,
-        state.target_value,
+        target,
         aim,
         key=named(key, "losses"),
     )
-    norms = {f"gradient/{n}": optax.tree.norm(getattr(gradient, n)) for n in Models._fields}
     models, optimisers = step(config, models, gradient, state.optimisers)
     models, optimisers, practice = practise(
         config, models, optimisers, state.replay, key=named(key, "practice")
     )
-    lp_goal, lp_before, lp_after = joined(config, (lp_goal, lp_before, lp_after))
-    replay = rb.refresh(config, state.replay, drawn, -lp_goal, -lp_before - lp_after)
+
+    # The weights 1 / p_f(g) and 1 / (p_f(s) p_f(s')) of what was drawn.
+    goal, before, after = joined(config, pairs.rarity)
+    replay = rb.refresh(config, state.replay, drawn, goal, before + after)
+
+    norms = {f"gradient/{n}": optax.tree.norm(getattr(gradient, n)) for n in Models._fields}
     targets = jax.vmap(aim.worth)(improvement.heads)
     metrics = {f"loss/{name}": loss for name, loss in losses.items()} | norms | practice
     metrics |= {
@@ -325,11 +214,8 @@ def update_once(
         "policy/best_from_policy": improvement.from_policy.mean(),
         "policy/evaluated": improvement.evaluated.mean(),
         "policy/off_support": improvement.off_support.max(),
-        "curriculum/used": use.mean(dtype=jnp.float32),
+        "curriculum/used": pairs.proposed,
     }
     state = state._replace(models=models, optimisers=optimisers, replay=replay)
-    return (
-        state,
-        metrics,
-        guard.Batch(drawn._replace(goals=goals), starts, improvement.action, targets),
-    )
+    learned = drawn._replace(goals=pairs.goals)
+    return state, metrics, guard.Batch(learned, pairs.starts, improvement.action, targets)

@@ -102,3 +102,8 @@ def episode_metrics(episodes: Episodes) -> dict[str, Float[Array, ""]]:
         "episode/reached": reached / count,
         "episode/length": length / count,
     }
+
+
+def without_tally(episodes: Episodes) -> Episodes:
+    """With the tally cleared."""
+    return episodes._replace(tally=jnp.zeros(3))

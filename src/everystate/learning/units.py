@@ -1,7 +1,5 @@
 """Units that grow with what the body learns to do [D33]."""
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -10,26 +8,14 @@ from everystate.config import Config
 from everystate.learning import guard
 from everystate.learning import replay as rb
 from everystate.learning.keys import named
-from everystate.learning.models import Models, Scale
-from everystate.learning.replay import Replay
+from everystate.learning.models import Scale
+from everystate.learning.state import AgentState
 
 GROWTH = 1.5
 """Units change when some component is spread over this many of its own."""
 _LEAST = 1e-3
 _ROUNDING = 1e-6
 _DRAWN = 4096
-
-
-class Units(NamedTuple):
-    """What has to move when units do: all that is in them but the networks, which follow."""
-
-    scale: Scale
-    replay: Replay
-    goals: Float[Array, "bodies s"]
-    """Those being pursued."""
-    models: Models
-    average: Models | None
-    """Of the weights of all, if there is one: it begins anew."""
 
 
 def of_warm_up(states: Float[Array, "steps bodies s"]) -> Scale:
@@ -40,15 +26,16 @@ def of_warm_up(states: Float[Array, "steps bodies s"]) -> Scale:
 
 
 def grown(
-    config: Config, units: Units, *, key: PRNGKeyArray
-) -> tuple[Units, dict[str, Float[Array, ""]]]:
+    config: Config, state: AgentState, *, key: PRNGKeyArray
+) -> tuple[AgentState, dict[str, Float[Array, ""]]]:
     """The same in larger units, if what was visited has outgrown these by `GROWTH`.
 
     Spreads are those of goals drawn from the buffer, which weighs what is rarely visited more. All
     components grow at once, to what they are spread over, and none ever shrinks: so units change a
-    few times, early in a run, and then stay.
+    few times, early in a run, and then stay. All that is kept in units moves but the networks,
+    which follow; their average begins anew.
     """
-    seen = rb.visited_goals(config, units.replay, _DRAWN, key=named(key, "seen"))
+    seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
     spread = jnp.std(seen, axis=0)
     grow = jnp.max(spread) > GROWTH
     factor = jnp.where(grow, jnp.maximum(spread, 1.0), 1.0)
@@ -58,8 +45,8 @@ def grown(
         kept = states.shape[1] > 0  # A ring that keeps no goals has none to move.
         return (states - shift[None]) / factor[None] if kept else states
 
-    t = units.replay.transitions
-    replay = units.replay._replace(
+    t = state.replay.transitions
+    replay = state.replay._replace(
         transitions=t._replace(
             observations=moved(t.observations),
             next_observations=moved(t.next_observations),
@@ -68,17 +55,17 @@ def grown(
     )
     drawn = rb.drawn_transitions(config, replay, _DRAWN, key=named(key, "drawn"))
     change = jnp.std(drawn.next_observations - drawn.observations, axis=0)
-    change = jnp.where(grow, jnp.maximum(change, _LEAST), units.models.dynamics.change_scale)
-    models = eqx.tree_at(lambda m: m.dynamics.change_scale, units.models, change)
-    average = units.average
+    change = jnp.where(grow, jnp.maximum(change, _LEAST), state.models.dynamics.change_scale)
+    models = eqx.tree_at(lambda m: m.dynamics.change_scale, state.models, change)
+    average = state.average
     if average is not None:
         average = guard.chosen(grow, models, average)
-    scale = units.scale
-    metrics = {"units/grew": grow.astype(jnp.float32), "units/largest": jnp.max(spread)}
-    return Units(
-        Scale(scale.centre + shift * scale.spread, scale.spread * factor),
-        replay,
-        moved(units.goals),
-        models,
-        average,
-    ), metrics
+    centre, unit = state.scale
+    state = state._replace(
+        scale=Scale(centre + shift * unit, unit * factor),
+        replay=replay,
+        episodes=state.episodes._replace(goals=moved(state.episodes.goals)),
+        models=models,
+        average=average,
+    )
+    return state, {"units/grew": grow.astype(jnp.float32), "units/largest": jnp.max(spread)}

@@ -1,0 +1,59 @@
+"""What chance decides about an epoch of collection, before any body moves."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from everystate.config import Config
+from everystate.learning.goals import choose_goals
+from everystate.learning.keys import named
+from everystate.learning.state import AgentState
+
+
+class Draws(NamedTuple):
+    """What chance decides about a step of some bodies, apart from their own noise."""
+
+    goals: Float[Array, "*steps bodies s"]
+    """Scaled; for those whose episode is over."""
+    latents: Float[Array, "*steps bodies a"]
+    """z of the actions a = pi_dec(z)."""
+    wanders: Bool[Array, "*steps bodies 1"] | None = None
+    """Which bodies act at random in this epoch [D22]; None: nobody ever does."""
+    anywhere: Float[Array, "*steps bodies a"] | None = None
+    """How they act."""
+
+
+def draw(config: Config, state: AgentState) -> Draws:
+    """All of an epoch: neither f nor replay changes in it.
+
+    Leaves are [steps, bodies, ...]; what is drawn for a body is so however bodies are grouped.
+    """
+    steps = jnp.arange(config.steps_per_epoch, dtype=jnp.int32)
+    # One step after the other: all at once would hold m candidates for every goal of the epoch.
+    return jax.lax.map(
+        lambda step: _of_step(config, state, step), state.epoch * config.steps_per_epoch + steps
+    )
+
+
+def _of_step(config: Config, state: AgentState, step: Int[Array, ""]) -> Draws:
+    action_size = state.replay.transitions.actions.shape[-1]
+    key = named(state.key, "act", step)
+    keys = jax.random.split(named(key, "actions"), config.num_bodies)
+    draws = Draws(
+        goals=choose_goals(config, state.models, state.replay, key=named(key, "goals")),
+        latents=jax.vmap(lambda key: jax.random.normal(key, (action_size,)))(keys),
+    )
+    epoch, since = step // config.steps_per_epoch, step // config.wander_steps
+    if config.central_share:
+        key = named(state.key, "central", epoch)
+        central = jax.random.bernoulli(key, config.central_share, (config.num_bodies, 1))
+        draws = draws._replace(latents=jnp.where(central, 0.0, draws.latents))
+    if not config.wander_share:
+        return draws
+    chosen = named(state.key, "wander", epoch), named(state.key, "wandering", since)
+    return draws._replace(
+        wanders=jax.random.bernoulli(chosen[0], config.wander_share, (config.num_bodies, 1)),
+        anywhere=jax.random.uniform(chosen[1], draws.latents.shape, minval=-1, maxval=1),
+    )
