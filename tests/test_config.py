@@ -132,6 +132,12 @@ def test_pairs_without_candidates_must_have_imagined_targets():
     assert preset("test", batch_size=32).improved_pairs == 32
 
 
+def test_hit_and_stay_learn_from_whole_ways_alone():
+    with pytest.raises(EverystateError, match=r"imagined_targets = 0\.5 .*set it to 1"):
+        preset("any", imagined_targets=0.5, improved_share=1.0)
+    assert preset("any").imagined_targets == 1
+
+
 def test_unknown_names_suggest_the_nearest():
     with pytest.raises(EverystateError, match="unknown preset 'papr': did you mean 'paper'"):
         preset("papr")

@@ -256,6 +256,11 @@ class Config:
                 f"own, and imagined_targets = {self.imagined_targets} does not give them all one: "
                 f"set one of the two to 1"
             )
+        if self.objective == "hit-and-stay" and self.imagined_targets < 1:
+            raise EverystateError(
+                f"imagined_targets = {self.imagined_targets} mixes targets of one step into V's, "
+                f"which hit and stay take from whole ways alone: set it to 1"
+            )
         if self.improved_pairs % self.devices:
             raise EverystateError(
                 f"devices = {self.devices} does not divide the {self.improved_pairs} pairs that "

@@ -111,18 +111,14 @@ def _improve(
     models, target_value, aim = known
     place = placing(config, models)
 
-    def near(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
-        return closeness(config, place(state), place(goal))
-
-    def heads(
-        now: Float[Array, ""], next_state: Float[Array, " s"], goal: Float[Array, " s"]
-    ) -> Float[Array, " heads"]:
-        way = jnp.stack([now, near(next_state, goal)])
+    def heads(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " heads"]:
+        """What comes of an action: how near s is already, which is not its doing, is left out."""
+        way = jnp.stack([jnp.zeros(()), closeness(config, place(next_state), place(goal))])
         return aim.counted(way, aim.read(target_value(next_state, goal)))
 
     def returns(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
-        """r + V_targ(s', g); how near s is, which is no action's doing, is left out."""
-        return aim.worth(heads(jnp.zeros(()), next_state, goal))
+        """r + V_targ(s', g)."""
+        return aim.worth(heads(next_state, goal))
 
     def proposed(s: Array, g: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
         return propose(config, models, returns, s, g, key=key)
@@ -139,8 +135,8 @@ def _improve(
         value, evaluated = outcomes[every, best].mean(axis=1), jnp.ones(len(states))
     found = value[:, None]
     if aim.heads > 1:
-        each = jax.vmap(jax.vmap(heads, in_axes=(None, 0, None)))
-        found = each(jax.vmap(near)(states, goals), next_states[every, best], goals).mean(axis=1)
+        each = jax.vmap(jax.vmap(heads, in_axes=(0, None)))
+        found = each(next_states[every, best], goals).mean(axis=1)
     is_policy = (best % (2 * config.j)) < config.j
     return Improvement(
         candidates[every, best],
