@@ -12,7 +12,7 @@ from everystate import algorithm
 from everystate.algorithm import AgentState
 from everystate.learning.averages import averaged
 from everystate.learning.replay import Transitions
-from everystate.learning.units import GROWTH, grown, of_warm_up
+from everystate.learning.units import grown, of_warm_up
 from everystate.presets import preset
 
 CONFIG = preset("test", "no-such-body", num_bodies=10, warmup_steps=20, capacity=4_000)
@@ -58,12 +58,31 @@ def test_units_do_not_depend_on_what_a_component_is_measured_in(factor):
     np.testing.assert_allclose(scaled, other, atol=1e-2)
 
 
-def test_nothing_moves_while_the_body_stays_where_it_was():
-    state = begun()
-    after, metrics = grown(CONFIG, state, key=jax.random.key(3))
-    assert float(metrics["units/grew"]) == 0
-    before, now = (jax.tree.leaves(eqx.filter(s, eqx.is_inexact_array)) for s in (state, after))
-    assert all(np.array_equal(a, b) for a, b in zip(before, now, strict=True))
+def followed(state: AgentState, epochs: int, first: int = 0) -> AgentState:
+    """After so many epochs without anything new."""
+    for epoch in range(first, first + epochs):
+        state = state._replace(epoch=jnp.array(epoch))
+        state, _ = grown(CONFIG, state, key=jax.random.key(epoch))
+    return state
+
+
+def test_units_stay_where_they_belong():
+    settled = followed(begun(), 50)
+    later = followed(settled, 150, first=50)
+    np.testing.assert_allclose(later.scale.spread, settled.scale.spread, rtol=0.05)
+    np.testing.assert_allclose(later.scale.centre, settled.scale.centre, atol=0.2)
+
+
+def test_units_double_at_most_at_first_and_hardly_move_late():
+    wide = algorithm.observe(CONFIG, begun(), walk(40.0))
+    for epoch, most in ((0, 2.0), (9, 1.1), (99, 1.01)):
+        after = followed(wide, 1, first=epoch)
+        growth = np.asarray(after.scale.spread / wide.scale.spread)
+        np.testing.assert_allclose(growth, most, rtol=1e-5)
+    # Both ways lead where it belongs, if there is time.
+    early = followed(wide, 100)
+    states = early.replay.transitions.next_observations[: int(early.replay.size)]
+    assert float(jnp.std(states)) < 1.2
 
 
 def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():
@@ -71,8 +90,8 @@ def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():
     goals = jax.random.normal(jax.random.key(2), state.episodes.goals.shape)
     state = state._replace(episodes=state.episodes._replace(goals=goals))
     after, metrics = grown(CONFIG, state, key=jax.random.key(3))
-    assert float(metrics["units/grew"]) == 1
-    assert float(metrics["units/largest"]) > GROWTH
+    assert float(metrics["units/growth"]) == pytest.approx(2)
+    assert float(metrics["units/largest"]) > 2
     assert np.all(np.asarray(after.scale.spread) >= np.asarray(state.scale.spread))
     size = int(state.replay.size)
     for place in (
@@ -86,13 +105,12 @@ def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():
     # What a step changes a component by is measured anew, and is what it was, in the body's units.
     changes = [s.models.dynamics.change_scale * s.scale.spread for s in (state, after)]
     assert np.all(np.asarray(changes[1]) > np.asarray(changes[0]))
-    again, metrics = grown(CONFIG, after, key=jax.random.key(4))
-    assert float(metrics["units/grew"]) == 0
-    assert np.array_equal(again.scale.spread, after.scale.spread)
-    # The average begins anew, with the networks that go on in the new units.
+    # The average is in the same units, and is an average still.
+    unit = [m.dynamics.change_scale for m in (after.kept, after.models)]
+    assert np.array_equal(*unit)
     assert after.average is not None
-    kept, now = (jax.tree.leaves(eqx.filter(m, eqx.is_array)) for m in (after.kept, after.models))
-    assert all(np.array_equal(a, b) for a, b in zip(kept, now, strict=True))
+    kept, was = (m.value.network.mlp.layers[0].weight for m in (after.average, state.kept))
+    assert np.array_equal(kept, was)
 
 
 def test_an_average_over_all_is_the_mean_and_a_shorter_one_forgets():

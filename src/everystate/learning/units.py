@@ -1,19 +1,15 @@
-"""Units that grow with what the body learns to do [D33]."""
+"""Units that follow what the body learns to do [D33]."""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
-from everystate.learning import guard
 from everystate.learning import replay as rb
 from everystate.learning.keys import named
-from everystate.learning.models import Scale
+from everystate.learning.models import Models, Scale
 from everystate.learning.state import AgentState
 
-GROWTH = 1.5
-"""Units change when some component is spread over this many of its own."""
-_LEAST = 1e-3
 _ROUNDING = 1e-6
 _DRAWN = 4096
 
@@ -28,18 +24,19 @@ def of_warm_up(states: Float[Array, "steps bodies s"]) -> Scale:
 def grown(
     config: Config, state: AgentState, *, key: PRNGKeyArray
 ) -> tuple[AgentState, dict[str, Float[Array, ""]]]:
-    """The same in larger units, if what was visited has outgrown these by `GROWTH`.
+    """The same in units that have followed what was visited.
 
-    Spreads are those of goals drawn from the buffer, which weighs what is rarely visited more. All
-    components grow at once, to what they are spread over, and none ever shrinks: so units change a
-    few times, early in a run, and then stay. All that is kept in units moves but the networks,
-    which follow; their average begins anew.
+    Each unit grows to the spread of goals drawn from the buffer, which weighs what is rarely
+    visited more, but after n epochs by no more than 1 / n of itself; none ever shrinks. So they are
+    where they belong within a few epochs, and then move so little that the networks, which are left
+    as they are, follow: a unit that grew by half at once cost a skill that was learned already. The
+    centre moves to the mean by the same share. All else that is kept in units moves with them.
     """
     seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
     spread = jnp.std(seen, axis=0)
-    grow = jnp.max(spread) > GROWTH
-    factor = jnp.where(grow, jnp.maximum(spread, 1.0), 1.0)
-    shift = jnp.where(grow, jnp.mean(seen, axis=0), 0.0)
+    share = 1 / (1 + state.epoch.astype(jnp.float32))
+    factor = jnp.clip(spread, 1.0, 1 + share)
+    shift = share / (1 + share) * jnp.mean(seen, axis=0)
 
     def moved(states: Float[Array, "n s"]) -> Float[Array, "n s"]:
         kept = states.shape[1] > 0  # A ring that keeps no goals has none to move.
@@ -55,17 +52,18 @@ def grown(
     )
     drawn = rb.drawn_transitions(config, replay, _DRAWN, key=named(key, "drawn"))
     change = jnp.std(drawn.next_observations - drawn.observations, axis=0)
-    change = jnp.where(grow, jnp.maximum(change, _LEAST), state.models.dynamics.change_scale)
-    models = eqx.tree_at(lambda m: m.dynamics.change_scale, state.models, change)
-    average = state.average
-    if average is not None:
-        average = guard.chosen(grow, models, average)
-    centre, unit = state.scale
+    same = state.models.dynamics.change_scale / factor
+    unit = same * jnp.clip(change / same, 1.0, 1 + share)
+
+    def in_units(models: Models) -> Models:
+        return eqx.tree_at(lambda m: m.dynamics.change_scale, models, unit)
+
+    centre, spreads = state.scale
     state = state._replace(
-        scale=Scale(centre + shift * unit, unit * factor),
+        scale=Scale(centre + shift * spreads, spreads * factor),
         replay=replay,
         episodes=state.episodes._replace(goals=moved(state.episodes.goals)),
-        models=models,
-        average=average,
+        models=in_units(state.models),
+        average=None if state.average is None else in_units(state.average),
     )
-    return state, {"units/grew": grow.astype(jnp.float32), "units/largest": jnp.max(spread)}
+    return state, {"units/growth": jnp.max(factor), "units/largest": jnp.max(spread)}
