@@ -106,8 +106,8 @@ def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():
     changes = [s.models.dynamics.change_scale * s.scale.spread for s in (state, after)]
     assert np.all(np.asarray(changes[1]) > np.asarray(changes[0]))
     # The average is in the same units, and is an average still.
-    unit = [m.dynamics.change_scale for m in (after.kept, after.models)]
-    assert np.array_equal(*unit)
+    mean, model = (m.dynamics.change_scale for m in (after.kept, after.models))
+    assert np.array_equal(mean, model)
     assert after.average is not None
     kept, was = (m.value.network.mlp.layers[0].weight for m in (after.average, state.kept))
     assert np.array_equal(kept, was)
