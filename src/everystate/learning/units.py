@@ -29,8 +29,8 @@ def grown(
     Each unit grows to the spread of goals drawn from the buffer, which weighs what is rarely
     visited more, but after n epochs by no more than 1 / n of itself; none ever shrinks. So they are
     where they belong within a few epochs, and then move so little that the networks, which are left
-    as they are, follow: a unit that grew by half at once cost a skill that was learned already. The
-    centre moves to the mean by the same share. All else that is kept in units moves with them.
+    as they are, follow. The centre moves to the mean by the same share. All else that is kept in
+    units moves with them.
     """
     seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
     spread = jnp.std(seen, axis=0)
