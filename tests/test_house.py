@@ -1,4 +1,4 @@
-"""What the package needs is said once, and raw results are as they were made."""
+"""What is said of the source is there, and raw results are as they were made."""
 
 import hashlib
 import json
@@ -96,3 +96,13 @@ def test_results_name_no_folder_of_one_machine() -> None:
     foreign = re.compile(rb"(?<![\w.])/(?:work|home|root)/")
     for path in data_files():
         assert not foreign.search(path.read_bytes()), path
+
+
+def test_what_the_algorithms_page_names_is_in_the_source() -> None:
+    """Its table leads from the paper's lines to functions, which get other names and places."""
+    source, text = ROOT / "src" / "everystate", (ROOT / "docs" / "algorithm.md").read_text()
+    named = set(re.findall(r"`((?:[a-z_]+/)*[a-z_]+\.py): ([A-Za-z_]+)", text))
+    assert len(named) > 30
+    for file, name in sorted(named):
+        (found,) = [p for p in (source / file, source / "learning" / file) if p.is_file()]
+        assert re.search(rf"\b{name}\b", found.read_text()), f"{file} has no {name}"
