@@ -1,8 +1,11 @@
 """The command line: wires, one-line errors, and exit codes."""
 
+import dataclasses
 import json
+import re
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +13,9 @@ import pytest
 from rich.table import Table
 
 from everystate import cli, evaluation, training, viewing
+from everystate.cli.options import Train
+from everystate.cli.sections import FIRST, sections
+from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.evaluation import raw
 from everystate.presets import preset
@@ -77,6 +83,47 @@ def test_help_of_train_has_every_field_and_the_defaults_of_the_preset(
     assert f"(default: {preset('test').batch_size})" in shown
 
 
+def test_help_of_train_begins_with_the_run_and_then_has_the_sections_of_the_config(
+    capsys: pytest.CaptureFixture,
+) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["train", "cartpole", "-h"])
+    shown = capsys.readouterr().out
+    titles = [title for title in sections(Config) if title]
+    assert len(titles) > 10
+    places = [shown.index(f" {title} options ") for title in titles]
+    assert places == sorted(places)
+    head, told = shown[: places[0]], [f"--{name.replace('_', '-')} " for name in FIRST[1:]]
+    assert [head.index(option) for option in told] == sorted(head.index(option) for option in told)
+    assert "Body to learn" in head
+    for field in dataclasses.fields(Train):
+        option = f"--{field.name}".replace("_", "-")
+        listed = re.findall(rf"^\W* {option}[ ,]", shown, re.MULTILINE)
+        assert field.name == "body" or len(listed) == 1, field.name
+
+
+@pytest.mark.parametrize("command", [*cli.COMMANDS])
+def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixture) -> None:
+    for help in ("--help", "-h"):
+        with pytest.raises(SystemExit) as stop:
+            cli.main([command, help])
+        assert not stop.value.code
+        assert f"everystate {command}" in capsys.readouterr().out
+
+
+def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"everystate {metadata.version('everystate')}\n"
+
+
+def test_skills_are_listed(capsys: pytest.CaptureFixture) -> None:
+    assert cli.main(["skills"]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"{body}:" in shown for body in ("cartpole", "ramp-pointmass", "ant"))
+    assert cli.main(["skills", "ant"]) == 0
+    assert "cartpole" not in capsys.readouterr().out
+
+
 def test_train_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:
     arguments = ["--preset", "test", "--seed", "3", "--batch_size=64", "--no-hindsight", "--quiet"]
     assert cli.main(["train", "ramp-pointmass", *arguments, "--run-dir", "here", "--N", "5"]) == 0
@@ -121,6 +168,8 @@ def test_train_takes_the_defaults_of_body_and_preset(calls: list[tuple[str, Any]
         ("evaluate", "run folder"),
         ("evaluate nowhere", "no agent at nowhere"),
         ("evaluate nowhere --jsn", "did you mean '--json'?"),
+        ("bodies --hlp", "unknown option --hlp"),
+        ("skills cartpol", "cartpol has no named skills"),
         ("report nowhere", "no agent at nowhere"),
         ("render nowhere", "no agent at nowhere"),
         ("render ramp-pointmass --skill clim", "did you mean 'climb'?"),

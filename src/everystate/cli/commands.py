@@ -11,8 +11,9 @@
   bodies [BODY]  list the bodies and their states, or describe any other
   skills [BODY]  list the named skills, for `evaluate --skills` and `agent.perform`
 
-`everystate COMMAND --help` lists the options. Exit codes: 0 done, 2 a mistake to mend (nothing is
-written or lost), 130 interrupted by Ctrl-C (saved; the same command goes on).
+`everystate COMMAND --help` lists the options, `everystate --version` says which this is. Exit
+codes: 0 done, 2 a mistake to mend (nothing is written or lost), 130 interrupted by Ctrl-C (saved;
+the same command goes on).
 """
 
 import argparse
@@ -22,14 +23,17 @@ import json
 import sys
 import warnings
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from everystate.cli.options import (
+    Bodies,
     Compare,
     Evaluate,
     Render,
     Report,
+    Skills,
     Studio,
     Sweep,
     Train,
@@ -43,7 +47,7 @@ from everystate.presets import preset
 def train(argv: list[str], command: str = "train", run_dir: Path | None = None) -> Path:
     """Train an agent, or go on; returns the folder of the run."""
     named = bool(argv) and not argv[0].startswith("-")
-    if not named and "--help" not in argv:
+    if not named and {"-h", "--help"}.isdisjoint(argv):
         raise EverystateError("name the body first: everystate train BODY [options]")
     body = argv[0] if named else Train.body
     peek = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
@@ -183,11 +187,12 @@ def demo(argv: list[str]) -> None:
 
 def bodies(argv: list[str]) -> None:
     """List the bodies: those built in, or the ones named."""
+    named = parse(Bodies, "bodies", argv).body
     from everystate import envs
 
-    for name in argv or envs.BODIES:
+    for name in named or envs.BODIES:
         print(envs.make(name, 1, 0).describe(), end="\n\n")
-    if not argv:
+    if not named:
         print("Also the path of any MJCF file, NAME.xml, and MODULE:ID for what a module registers")
         print("with Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it. A run")
         print("and its agent keep a copy of an MJCF file, and of all the files that it names.")
@@ -195,11 +200,13 @@ def bodies(argv: list[str]) -> None:
 
 def skills(argv: list[str]) -> None:
     """List the named skills of all bodies that have some, or of the ones named."""
+    named = parse(Skills, "skills", argv).body
     from everystate.skills import SKILLS, skills_of
 
-    for body in argv or SKILLS:
+    for body in named or SKILLS:
+        known = skills_of(body)
         print(f"{body}:")
-        for name, skill in skills_of(body).items():
+        for name, skill in known.items():
             print(f"  {name}: {skill.text}")
 
 
@@ -216,6 +223,8 @@ def main(argv: list[str] | None = None) -> int:
     try:
         if not argv or argv[0] in ("-h", "--help"):
             print(__doc__)
+        elif argv[0] == "--version":
+            print("everystate", version("everystate"))
         elif argv[0] not in COMMANDS:
             raise EverystateError(f"unknown command {argv[0]!r}: {suggest(argv[0], COMMANDS)}")
         else:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import tyro
 
+from everystate.cli.sections import in_sections
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
 
@@ -156,6 +157,22 @@ class Studio:
     """Of where the body starts, its noise, and what surprises it."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Bodies:
+    """Lists the bodies that are built in, with their states and actions, or describes any other."""
+
+    body: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Bodies to describe: names, paths of MJCF files, or MODULE:ID."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Skills:
+    """Lists the named skills of all bodies that have some."""
+
+    body: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Only those of these bodies."""
+
+
 def parse(kind: type, command: str, argv: list[str], default: Any = tyro.MISSING_NONPROP) -> Any:
     """Options by Tyro, but what is wrong with them in one line, with a suggestion."""
     known = {f"--{field.name}".replace("_", "-"): field.type for field in dataclasses.fields(kind)}
@@ -164,6 +181,10 @@ def parse(kind: type, command: str, argv: list[str], default: Any = tyro.MISSING
         option = argument.partition("=")[0].replace("_", "-")
         if option.startswith("--") and option not in {*known, "--help"}:
             raise EverystateError(f"unknown option {option}: {suggest(option, known)}")
+    if not {"-h", "--help"}.isdisjoint(argv):
+        argv = ["--help"]  # Tyro leaves out what else was given
+        if kind is Train:
+            kind, default = in_sections(kind, Config, default), tyro.MISSING_NONPROP
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
