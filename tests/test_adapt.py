@@ -3,7 +3,7 @@
 import sys
 import types
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -68,18 +68,27 @@ class Opaque(Counter):
         return super().step(action)
 
 
+class Bare(Counter):
+    """Its constructor takes nothing, as that of many a first environment."""
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"]}
+
+    def __init__(self) -> None:
+        super().__init__()
+
+
 @pytest.fixture(autouse=True)
 def _module() -> Iterator[None]:
     """A user's own module, which registers its environments when it is imported."""
     module = types.ModuleType("my_bodies")
     sys.modules["my_bodies"] = module
-    for kind in (Counter, Opaque):
+    for kind in (Counter, Opaque, Bare):
         # A class is what Gymnasium's own documentation registers.
         entry: Any = kind
         gymnasium.register(f"My{kind.__name__}-v0", entry, max_episode_steps=5)
     yield
     del sys.modules["my_bodies"]
-    for kind in (Counter, Opaque):
+    for kind in (Counter, Opaque, Bare):
         del gymnasium.registry[f"My{kind.__name__}-v0"]
 
 
@@ -95,6 +104,14 @@ def test_a_users_module_is_found_and_its_time_limit_removed() -> None:
     env = counters()
     counts = [result[0][:, 0].tolist() for result in still(env, 12)]
     assert counts == [[step, step] for step in range(1, 13)]
+
+
+def test_a_constructor_without_arguments_will_do() -> None:
+    env = make("my_bodies:MyBare-v0", 2, 0)
+    assert [result[0][:, 0].tolist() for result in still(env, 2)] == [[1, 1], [2, 2]]
+    assert env.exact_restore
+    with pytest.raises(EverystateError, match="does not take these options"):
+        make("my_bodies:MyBare-v0", 1, 0, render_mode="rgb_array")
 
 
 def test_at_its_end_a_body_starts_anew_and_both_states_are_told() -> None:

@@ -48,7 +48,9 @@ def make_single(body: str, render_mode: str | None = None, **kwargs: Any) -> gym
     """
     module, _, name = body.partition(":")
     import_module(module, body)
-    kwargs |= {"max_episode_steps": -1, "disable_env_checker": True, "render_mode": render_mode}
+    kwargs |= {"max_episode_steps": -1, "disable_env_checker": True}
+    if render_mode is not None:  # there are constructors that do not take it
+        kwargs["render_mode"] = render_mode
     try:
         with headless():
             env = gymnasium.make(name, **kwargs)
