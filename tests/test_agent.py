@@ -18,6 +18,7 @@ from everystate.agent import (
     BodyInfo,
     config_from_json,
     config_to_json,
+    files,
     load,
     named_arrays,
     skeleton,
@@ -140,6 +141,30 @@ def test_an_exported_agent_is_the_same_agent(agent: Agent, tmp_path: Path) -> No
     ):
         assert np.array_equal(mine, theirs), name
     np.testing.assert_array_equal(loaded.act(STATES, GOALS), agent.act(STATES, GOALS))
+
+
+def test_what_drives_an_agent_best_travels_with_it(agent: Agent, tmp_path: Path) -> None:
+    said = dataclasses.replace(agent, act_with="plan").export(tmp_path / "plans") / "agent.json"
+    assert load(said.parent).act_with == "plan"
+    told = json.loads(said.read_text())
+    for value, expected in ((None, "policy"), ("wish", "act_with is 'wish': expected policy or")):
+        changed = {n: x for n, x in (told | {"act_with": value}).items() if x is not None}
+        changed["checksum"] = files._own_checksum(changed)
+        said.write_text(json.dumps(changed))
+        if value is None:
+            assert load(said.parent).act_with == expected
+        else:
+            with pytest.raises(EverystateError, match=expected):
+                load(said.parent)
+
+
+@pytest.mark.parametrize("name", envs.BODIES)
+def test_shipped_agents_act_by_what_does_more_of_their_skills(name: str) -> None:
+    scores = json.loads((agent_module.SHIPPED / name / "agent.json").read_text())["scores"]
+    policy, planning = scores["skills"]["policy"], scores["skills"]["planning"]
+    planned = sum(planning.values()) if planning else 0.0
+    expected = "plan" if planned > sum(policy.values()) else "policy"
+    assert load(name).act_with == expected
 
 
 def test_export_overwrites_nothing(agent: Agent, tmp_path: Path) -> None:

@@ -3,10 +3,17 @@
 from everystate.agent.agent import Agent, load
 from everystate.agent.arrays import is_array, named_arrays, own, skeleton, with_arrays
 from everystate.agent.compile_cache import keep_compiled_programs
-from everystate.agent.files import BodyInfo, config_from_json, config_to_json, with_model_copy
+from everystate.agent.files import (
+    ActWith,
+    BodyInfo,
+    config_from_json,
+    config_to_json,
+    with_model_copy,
+)
 from everystate.agent.performance import Performance, step_seed
 
 __all__ = [
+    "ActWith",
     "Agent",
     "BodyInfo",
     "Performance",

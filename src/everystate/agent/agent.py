@@ -6,25 +6,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Float32, Key, PRNGKeyArray
+from jaxtyping import Array, Float, Float32
 from numpy.typing import ArrayLike
 
 from everystate import skills
-from everystate.agent import files
+from everystate.agent import compiled, files
 from everystate.agent.compile_cache import keep_compiled_programs
-from everystate.agent.files import BodyInfo
+from everystate.agent.files import ActWith, BodyInfo
 from everystate.agent.performance import Performance
 from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
-from everystate.learning.goals import imagined, least_likely
 from everystate.learning.objectives import objective
 from everystate.learning.planning import Planning
-from everystate.learning.planning import plan as search
 
 SHIPPED = Path(__file__).parents[1] / "agents"
 
@@ -43,6 +40,8 @@ class Agent:
     scale: Scale
     config: Config
     body: BodyInfo
+    act_with: ActWith = "policy"
+    """What drives it best: the studio, films and reports do as it says unless told otherwise."""
 
     def act(
         self,
@@ -56,16 +55,16 @@ class Agent:
 
         Without `plan` it is the policy's most central one (z = 0). With it, the first of the best
         few actions in a row that a short search through the learned dynamics and value finds
-        (4.2, 4.3): slower, often better, and deterministic for a `seed`; a `Planning` says how far
-        and how hard to search. Either argument may be a batch.
+        (4.2, 4.3): slower, better for some agents, and deterministic for a `seed`; a `Planning`
+        says how far and how hard to search. Either argument may be a batch.
         """
         states, goals, single = self._pairs(observation, goal)
         if plan:
             planning = plan if isinstance(plan, Planning) else Planning()
             key = jax.random.key(seed)
-            actions = _plan(self.config, planning, self.models, states, goals, key)
+            actions = compiled.plan(self.config, planning, self.models, states, goals, key)
         else:
-            actions = _act(self.models, states, goals)
+            actions = compiled.act(self.models, states, goals)
         return _returned(actions, single)
 
     def perform(self, skill: str, *, plan: bool = False, seed: int = 0) -> Performance:
@@ -80,13 +79,13 @@ class Agent:
         if n < 1:
             raise EverystateError(f"n is {n}: propose at least one goal")
         keys = jax.random.split(jax.random.key(seed), n)
-        goals = np.asarray(_propose(self.config.m, self.models, keys))
+        goals = np.asarray(compiled.propose(self.config.m, self.models, keys))
         return goals * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
 
     def value(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """V(s, g): what the agent expects on its way, in steps, at most 0 (4.2) [D31]."""
         states, goals, single = self._pairs(observation, goal)
-        heads = _heads(self.config, self.models, states, goals)
+        heads = compiled.heads(self.config, self.models, states, goals)
         return _returned(jax.vmap(objective(self.config).worth)(heads), single)
 
     def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
@@ -96,7 +95,7 @@ class Agent:
         arrived at: from afar the true value is one step less than the distance.
         """
         states, goals, single = self._pairs(observation, goal)
-        heads = _heads(self.config, self.models, states, goals)
+        heads = compiled.heads(self.config, self.models, states, goals)
         return _returned(objective(self.config).steps(heads), single)
 
     def log_density(self, state: ArrayLike) -> Float32[np.ndarray, "*n"]:
@@ -106,7 +105,7 @@ class Agent:
         """
         states = self._scaled("state", state)
         scaled = _returned(
-            _log_density(self.models, jnp.asarray(np.atleast_2d(states))), states.ndim == 1
+            compiled.log_density(self.models, jnp.asarray(np.atleast_2d(states))), states.ndim == 1
         )
         return np.asarray(scaled - np.log(np.asarray(self.scale.spread)).sum())
 
@@ -115,14 +114,15 @@ class Agent:
     ) -> Path:
         """Writes the agent to a new folder that `load` reads, anywhere and without running code.
 
-        The copy of a model file that was the user's own goes with it.
+        The copy of a model file that was the user's own goes with it. What drives it best goes too:
+        `dataclasses.replace(agent, act_with="plan")` is an agent that says so.
 
         Args:
             path: the folder; it must not exist.
             scores: results to keep with it, anything JSON can hold.
             half: matrices as float16, for half the size; it then acts a little differently.
         """
-        agent = self.models, self.scale, self.config, self.body
+        agent = self.models, self.scale, self.config, self.body, self.act_with
         return files.export(Path(path), *agent, scores, half)
 
     def _scaled(self, what: str, value: ArrayLike) -> Float32[np.ndarray, "*n state"]:
@@ -161,53 +161,6 @@ class Agent:
 def _returned(values: Float[Array, "n *a"], single: bool) -> Float32[np.ndarray, "..."]:
     """The user's own array, without the batch axis that a single state was given."""
     return np.array(values[0] if single else values)
-
-
-# Compiled once per shape of batch, for all agents of the same architecture.
-
-
-@eqx.filter_jit
-def _act(
-    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
-) -> Float[Array, "n a"]:
-    def central(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
-        return jnp.clip(models.policy.central(state, goal), -1, 1)
-
-    return jax.vmap(central)(states, goals)
-
-
-@eqx.filter_jit
-def _plan(
-    config: Config,
-    planning: Planning,
-    models: Models,
-    states: Float[Array, "n s"],
-    goals: Float[Array, "n s"],
-    key: PRNGKeyArray,
-) -> Float[Array, "n a"]:
-    return jax.lax.map(
-        lambda x: search(config, planning, models, x[0], x[1], key=x[2]),
-        (states, goals, jax.random.split(key, len(states))),
-        batch_size=64,
-    )
-
-
-@eqx.filter_jit
-def _propose(m: int, models: Models, keys: Key[Array, " n"]) -> Float[Array, "n s"]:
-    flow = models.state_flow
-    return jax.vmap(lambda key: least_likely(flow, imagined(flow, m, key=key)))(keys)
-
-
-@eqx.filter_jit
-def _heads(
-    config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
-) -> Float[Array, "n heads"]:
-    return jax.vmap(objective(config).read)(jax.vmap(models.value)(states, goals))
-
-
-@eqx.filter_jit
-def _log_density(models: Models, states: Float[Array, "n s"]) -> Float[Array, " n"]:
-    return models.state_flow.log_prob(states)
 
 
 def load(path: str | Path) -> Agent:

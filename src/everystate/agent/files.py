@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,6 +28,9 @@ from everystate.errors import EverystateError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+
+ActWith = Literal["policy", "plan"]
+"""What an agent is best driven by: its policy alone, or the search ahead of planning."""
 
 FORMAT = 3
 UNCHECKED = 2
@@ -79,6 +82,7 @@ def write(
     scale: Scale,
     config: Config,
     body: BodyInfo,
+    act_with: ActWith = "policy",
     scores: Mapping[str, Any] | None = None,
     half: bool = False,
 ) -> None:
@@ -97,6 +101,7 @@ def write(
         "config": config_to_json(config),
         "body": body._asdict() | {"versions": dict(body.versions)},
         "scale": {name: np.asarray(x).tolist() for name, x in scale._asdict().items()},
+        "act_with": act_with,
         "scores": dict(scores or {}),
         "files": {name: _checksum((folder / name).read_bytes()) for name in names},
     }
@@ -109,8 +114,10 @@ def _halved(array: np.ndarray) -> np.ndarray:
     return array.astype(np.float16) if array.dtype == np.float32 and array.ndim > 1 else array
 
 
-def read(folder: Path, body_folder: Path | None = None) -> tuple[Models, Scale, Config, BodyInfo]:
-    """The inverse of `write`, scores apart.
+def read(
+    folder: Path, body_folder: Path | None = None
+) -> tuple[Models, Scale, Config, BodyInfo, ActWith]:
+    """The inverse of `write`, scores apart; where nothing is said, the policy acts.
 
     Args:
         folder: has the agent's files.
@@ -125,6 +132,9 @@ def read(folder: Path, body_folder: Path | None = None) -> tuple[Models, Scale, 
         config = config_from_json(description["config"])
         body = BodyInfo(**description["body"])
         body = body._replace(state_names=tuple(body.state_names), versions=dict(body.versions))
+        act_with = description.get("act_with", "policy")
+        if act_with not in get_args(ActWith):
+            raise ValueError(f"act_with is {act_with!r}: expected policy or plan")
         content = (folder / _ARRAYS).read_bytes()
         files = dict(description.get("files", {_ARRAYS: _checksum(content)}))
         _require_same(folder / _ARRAYS, content, files[_ARRAYS])
@@ -138,7 +148,7 @@ def read(folder: Path, body_folder: Path | None = None) -> tuple[Models, Scale, 
         arrays = {n: np.float32(x) if x.dtype == np.float16 else x for n, x in arrays.items()}
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
-        return models, Scale(**units), config, body
+        return models, Scale(**units), config, body, act_with
     except _PROBLEMS as error:
         problem = " ".join(f"{type(error).__name__}: {error}".split())
         raise EverystateError(f"the agent in {folder} is damaged ({problem})") from error

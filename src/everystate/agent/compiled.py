@@ -1,0 +1,66 @@
+"""What an agent computes, on scaled states.
+
+Compiled once per shape of batch, for all agents of the same architecture.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key, PRNGKeyArray
+
+from everystate.algorithm import Models
+from everystate.config import Config
+from everystate.learning.goals import imagined, least_likely
+from everystate.learning.objectives import objective
+from everystate.learning.planning import Planning
+from everystate.learning.planning import plan as search
+
+
+@eqx.filter_jit
+def act(
+    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+) -> Float[Array, "n a"]:
+    """The policy's most central actions (z = 0)."""
+
+    def central(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
+        return jnp.clip(models.policy.central(state, goal), -1, 1)
+
+    return jax.vmap(central)(states, goals)
+
+
+@eqx.filter_jit
+def plan(
+    config: Config,
+    planning: Planning,
+    models: Models,
+    states: Float[Array, "n s"],
+    goals: Float[Array, "n s"],
+    key: PRNGKeyArray,
+) -> Float[Array, "n a"]:
+    """The first actions of what a search finds for each, in batches that fit into memory."""
+    return jax.lax.map(
+        lambda x: search(config, planning, models, x[0], x[1], key=x[2]),
+        (states, goals, jax.random.split(key, len(states))),
+        batch_size=64,
+    )
+
+
+@eqx.filter_jit
+def propose(m: int, models: Models, keys: Key[Array, " n"]) -> Float[Array, "n s"]:
+    """For each key the least likely of m imagined states."""
+    flow = models.state_flow
+    return jax.vmap(lambda key: least_likely(flow, imagined(flow, m, key=key)))(keys)
+
+
+@eqx.filter_jit
+def heads(
+    config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+) -> Float[Array, "n heads"]:
+    """What the networks of V say, read as the objective has it."""
+    return jax.vmap(objective(config).read)(jax.vmap(models.value)(states, goals))
+
+
+@eqx.filter_jit
+def log_density(models: Models, states: Float[Array, "n s"]) -> Float[Array, " n"]:
+    """log p_f of scaled states."""
+    return models.state_flow.log_prob(states)
