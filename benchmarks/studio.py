@@ -20,7 +20,7 @@ from everystate.viewing.studio import Studio
 
 def lived(browser: Browser, run: Path | str, seconds: float) -> dict[str, float]:
     """Seconds of the body's time and of a core's, in a second."""
-    studio = Studio(run, port=0)
+    studio = Studio(run, port=0, plan=True)
     page = browser.new_page(viewport={"width": 1200, "height": 860})
     page.goto(studio.address)
     page.get_by_role("button", name="surprise me").click(timeout=60_000)

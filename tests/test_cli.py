@@ -41,9 +41,9 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
         asked.append(("evaluate", {"run": run, **arguments}))
         return RESULT
 
-    def report(run: Path, result: dict[str, Any]) -> Path:
+    def report(run: Path, result: dict[str, Any], **arguments: Any) -> Path:
         asked.append(("report", (run, result)))
-        return run / "report" / "index.html"
+        return (arguments.get("out") or run / "report") / "index.html"
 
     monkeypatch.setattr(training, "train", train)
     monkeypatch.setattr(evaluation, "evaluate", evaluate)
@@ -177,6 +177,7 @@ def test_train_takes_the_defaults_of_body_and_preset(calls: list[tuple[str, Any]
         ("render ramp-pointmass --goal 0 0 --explore", "give one of --skill, --goal and --explore"),
         ("render ramp-pointmass --out film.avi", "cannot write film.avi"),
         ("render ramp-pointmass --out no/film.mp4", "no is no folder: make it first"),
+        ("render ramp-pointmass --plan --no-plan", "give one of --plan and --no-plan"),
         ("render ramp-pointmass --steps 0", "steps is 0: film at least 1"),
         ("render ramp-pointmass --size 481 360", "size 481 x 360: both even"),
     ],
@@ -224,9 +225,26 @@ def test_demo_trains_evaluates_and_reports(
     assert str(run / "report" / "index.html") in capsys.readouterr().out
 
 
-def test_report_names_its_page(calls: list[tuple[str, Any]], capsys: pytest.CaptureFixture) -> None:
-    assert cli.main(["report", "runs/x"]) == 0
-    assert capsys.readouterr().out.strip() == "runs/x/report/index.html"
+@pytest.mark.parametrize(("words", "plans"), [([], False), (["--plan"], True)])
+def test_report_measures_as_asked_and_names_its_page(
+    calls: list[tuple[str, Any]], capsys: pytest.CaptureFixture, words: list[str], plans: bool
+) -> None:
+    """By the policy unless asked, as the agent itself does not ask for planning."""
+    assert cli.main(["report", "ramp-pointmass", "--out", "a", "--episodes", "5", *words]) == 0
+    assert capsys.readouterr().out.strip() == "a/index.html"
+    asked = {"run": Path("ramp-pointmass"), "plan": plans, "episodes": 5}
+    assert calls == [("evaluate", asked), ("report", (Path("ramp-pointmass"), RESULT))]
+
+
+def test_an_agent_without_its_run_is_not_measured_for_a_report_that_has_no_place(
+    calls: list[tuple[str, Any]], capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
+    assert cli.main(["report", "cartpole"]) == 2
+    assert "cartpole is an agent without its run" in capsys.readouterr().err
+    (tmp_path / "file").write_text("mine")
+    assert cli.main(["report", "cartpole", "--out", "file"]) == 2
+    assert "cannot write to file (File exists)" in capsys.readouterr().err
+    assert calls == []
 
 
 def test_bodies_are_listed(capsys: pytest.CaptureFixture) -> None:

@@ -1,5 +1,6 @@
 """Films show what was recorded: as long, as large and as lively; and take no other file's place."""
 
+import dataclasses
 import re
 import subprocess
 from pathlib import Path
@@ -82,6 +83,24 @@ def test_a_gif_and_a_filmstrip(tmp_path: Path) -> None:
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
     strip = imageio.imread(viewing.render("ramp-pointmass", tmp_path / "a.png", **options))
     assert strip.shape[0] > 300
+
+
+def test_a_film_plans_if_told_to_or_else_if_the_agent_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, agent: Agent
+) -> None:
+    planned: list[bool] = []
+
+    def record(*_: object, plan: bool, **__: object) -> None:
+        planned.append(plan)
+        raise EverystateError("enough")
+
+    monkeypatch.setattr(recording, "record_exploration", record)
+    plans = dataclasses.replace(agent, act_with="plan").export(tmp_path / "plans")
+    for run in ("ramp-pointmass", plans):
+        for words in ([], ["--plan"], ["--no-plan"]):
+            out = str(tmp_path / "a.mp4")
+            assert cli.main(["render", str(run), "--out", out, *words]) == 2
+    assert planned == [False, True, False, True, True, False]
 
 
 def test_nothing_is_overwritten_and_nothing_half_made_stays(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from everystate import envs, evaluation, viewing
+from everystate import envs, evaluation, load, viewing
 from everystate.config import Config
 from everystate.envs import MujocoVectorEnv
 from everystate.errors import EverystateError
@@ -126,6 +126,30 @@ def test_a_run_without_metrics_or_samples_still_has_a_report(
     page = viewing.report(tmp_path / "bare", result, agent=Straight())
     names = {path.stem for path in page.parent.glob("*.png")}
     assert names == {"success-rest", "filmstrip", "values", "policy"}
+
+
+@pytest.mark.usefixtures("drawn")
+def test_an_agent_without_its_run_has_a_report_where_it_is_told(tmp_path: Path) -> None:
+    result = evaluation.evaluate("ramp-pointmass", episodes=5)
+    with pytest.raises(EverystateError, match="ramp-pointmass is an agent without its run"):
+        viewing.report("ramp-pointmass", result)
+    page = viewing.report("ramp-pointmass", result, out=tmp_path / "deep" / "report")
+    names = {path.stem for path in page.parent.glob("*.png")}
+    assert names == {"success-rest", "filmstrip", "values", "policy"}
+    exported = load("ramp-pointmass").export(tmp_path / "agent")
+    with pytest.raises(EverystateError, match="is an agent without its run"):
+        viewing.report(exported, result)
+
+
+def test_what_planning_does_is_drawn_where_it_was_measured(tmp_path: Path) -> None:
+    agent, body = Straight(), Straight.config.body
+    for planning, panels in ((False, 1), (True, 2)):
+        drawn = on_the_map(
+            tmp_path, agent, envs.make(body, 1, 0), suites.load(body), planning=planning
+        )
+        (policy,) = [picture for picture in drawn if picture.name == "policy"]
+        assert len(policy.draw().axes) == panels
+        assert ("short search" in policy.caption) == planning
 
 
 def test_drawing_leaves_the_users_style_alone(tmp_path: Path, result: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """The studio: the life of a body without its page, and its page in a real browser."""
 
+import dataclasses
 import os
 import shutil
 import socket
@@ -35,6 +36,14 @@ def test_it_goes_where_it_is_sent_and_stays(world: World) -> None:
     value = world.agent.value(world.state, world.goal)
     assert thoughts.value[-1] == pytest.approx(value, abs=1e-4)
     assert np.isfinite(thoughts).all()
+
+
+def test_it_plans_if_told_to_or_else_if_the_agent_says_so(world: World) -> None:
+    assert not world.plan
+    assert World(world.agent, plan=True).plan
+    plans = dataclasses.replace(world.agent, act_with="plan")
+    assert World(plans).plan
+    assert not World(plans, plan=False).plan
 
 
 def test_a_skill_goes_through_its_goals_and_keeps_the_last(world: World) -> None:

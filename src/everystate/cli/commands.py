@@ -135,10 +135,14 @@ def sweep(argv: list[str]) -> None:
 def report(argv: list[str]) -> None:
     """Draw the page of a run."""
     options = parse(Report, "report", argv)
-    from everystate import evaluation, viewing
+    from everystate import agent, evaluation, viewing
 
+    loaded = agent.load(options.run)
+    plan = loaded.act_with == "plan" if options.planning is None else options.planning
+    viewing.report_folder(options.run, options.out)  # better said now than after the measuring
     with _working("measuring, then drawing"):
-        page = viewing.report(options.run, evaluation.evaluate(options.run))
+        result = evaluation.evaluate(options.run, plan=plan, episodes=options.episodes)
+        page = viewing.report(options.run, result, agent=loaded, out=options.out)
     print(page)
 
 
@@ -155,7 +159,7 @@ def render(argv: list[str]) -> None:
             goal=options.goal,
             explore=options.explore,
             steps=options.steps,
-            plan=options.plan,
+            plan=options.planning,
             seed=options.seed,
             size=options.size,
         )
@@ -167,7 +171,8 @@ def studio(argv: list[str]) -> None:
     options = parse(Studio, "studio", argv)
     from everystate.viewing.studio import studio
 
-    studio(options.run, host=options.host, port=options.port, seed=options.seed)
+    where = {"host": options.host, "port": options.port}
+    studio(options.run, **where, plan=options.planning, seed=options.seed)
 
 
 def demo(argv: list[str]) -> None:

@@ -109,16 +109,42 @@ class Sweep:
     """Train nothing; write table and figures of what there is."""
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Driven:
+    """What acts."""
+
+    plan: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Act by planning ahead: a search through the learned dynamics at every step."""
+    no_plan: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Act by the policy alone. Without either, by what the agent says drives it best."""
+
+    def __post_init__(self) -> None:
+        if self.plan and self.no_plan:
+            raise EverystateError("give one of --plan and --no-plan")
+
+    @property
+    def planning(self) -> bool | None:
+        """Whether to plan; None: as the agent says."""
+        return self.plan if self.plan or self.no_plan else None
+
+
 @dataclasses.dataclass(frozen=True)
-class Report:
-    """Evaluates a run and draws a page of pictures of it."""
+class Report(Driven):
+    """Evaluates a run or an agent and draws a page of pictures of it.
+
+    With planning, both that and the policy alone are measured.
+    """
 
     run: tyro.conf.Positional[Path]
-    """Run folder."""
+    """Run folder, exported agent, or the name of an agent that comes with everystate."""
+    out: Path | None = None
+    """Folder of the page, by default RUN/report; an agent without its run needs one."""
+    episodes: int | None = None
+    """Only so many goals of each suite, evenly taken."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Render:
+class Render(Driven):
     """Films an agent, in real time; the goal is a translucent ghost, what V thinks is below."""
 
     run: tyro.conf.Positional[Path]
@@ -134,8 +160,6 @@ class Render:
     after the body and what it does, here."""
     steps: int = 250
     """Control steps of --goal and --explore; a skill has its own."""
-    plan: bool = True
-    """Act by planning ahead rather than by the policy."""
     seed: int = 0
     """Of where it starts, of the body's noise and of planning."""
     size: tuple[int, int] = (480, 360)
@@ -143,7 +167,7 @@ class Render:
 
 
 @dataclasses.dataclass(frozen=True)
-class Studio:
+class Studio(Driven):
     """Serves a page on this machine where one watches an agent live and sends it about."""
 
     run: tyro.conf.Positional[Path] = Path("cartpole")

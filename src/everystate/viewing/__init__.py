@@ -1,6 +1,6 @@
 """What people look at: pictures and films of agents, and the page that holds them."""
 
 from everystate.viewing.render import render
-from everystate.viewing.report import report
+from everystate.viewing.report import report, report_folder
 
-__all__ = ["render", "report"]
+__all__ = ["render", "report", "report_folder"]

@@ -105,18 +105,24 @@ def goal_cloud(
 
 @styled
 def policy_arrows(
-    agent: Agent, env: BodyVectorEnv, goal: Float[np.ndarray, " 2"], *, batch: int = 200
+    agent: Agent,
+    env: BodyVectorEnv,
+    goal: Float[np.ndarray, " 2"],
+    *,
+    planning: bool = False,
+    batch: int = 200,
 ) -> Figure:
-    """What the policy does everywhere, and what planning does, on the way to one goal.
+    """What the policy does everywhere, and if `planning` what that does, on the way to one goal.
 
     `batch` states at a time: best as many as the evaluation had, which is compiled already.
     """
     _, _, states = _grid(env, _ARROWS, inset=0.03)
     padded = np.resize(states, (-(-len(states) // batch) * batch, 2))
     goals = np.broadcast_to(goal, (batch, 2)).astype(np.float32)
+    ways = {"policy": False} | ({"planning": True} if planning else {})
     figure = Figure(figsize=(WIDTH, 3.95))
-    panels = figure.subplots(1, 2, sharey=True)
-    for ax, plan, title in zip(panels, (False, True), ("policy", "planning"), strict=True):
+    panels = figure.subplots(1, len(ways), sharey=True, squeeze=False)[0]
+    for ax, (title, plan) in zip(panels, ways.items(), strict=True):
         parts = [
             agent.act(padded[i : i + batch], goals, plan=plan, seed=i)
             for i in range(0, len(padded), batch)

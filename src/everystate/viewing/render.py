@@ -16,7 +16,7 @@ def render(
     goal: Sequence[float] | None = None,
     explore: bool = False,
     steps: int = 250,
-    plan: bool = True,
+    plan: bool | None = None,
     seed: int = 0,
     size: tuple[int, int] = (480, 360),
 ) -> Path:
@@ -29,7 +29,7 @@ def render(
         goal: a state, in the body's units.
         explore: go to goals that the agent proposes.
         steps: control steps of a goal or of exploring.
-        plan: act by planning ahead rather than by the policy.
+        plan: act by planning ahead, or by the policy; None: as the agent says.
         seed: of where it starts, the body's noise and planning.
         size: width and height of a frame.
 
@@ -46,7 +46,7 @@ def render(
     env = recording.body_of(agent)
     what = skill or ("goal" if goal is not None else "exploring")
     out = video.check_target(out or Path(f"{env.name}-{what}.mp4"))
-    options = {"plan": plan, "seed": seed}
+    options = {"plan": agent.act_with == "plan" if plan is None else plan, "seed": seed}
     if skill is not None:
         recorded = recording.record_skill(agent, skill, **options)
     elif goal is not None:

@@ -33,22 +33,29 @@ class Picture(NamedTuple):
 
 
 def report(
-    run_dir: Path | str, result: Mapping[str, Any], *, agent: maps.Explorer | None = None
+    run_dir: Path | str,
+    result: Mapping[str, Any],
+    *,
+    agent: maps.Explorer | None = None,
+    out: Path | None = None,
 ) -> Path:
-    """Writes `report/index.html`, its PNGs and the result, and returns the page's path.
-
-    Args:
-        run_dir: a run's folder, with its metrics, samples and checkpoints.
-        result: what `everystate.evaluation.evaluate` returned.
-        agent: the run's agent, where it has been loaded already.
+    """Writes `index.html`, its PNGs and the result, and returns the page's path.
 
     A picture that cannot be drawn is replaced by a line that says why; other files in the folder
-    are left as they are.
+    are left as they are. What planning does is drawn where the result has it.
+
+    Args:
+        run_dir: a run's folder, with its metrics, samples and checkpoints; or an agent, as `load`
+            takes it.
+        result: what `everystate.evaluation.evaluate` returned.
+        agent: the run's agent, where it has been loaded already.
+        out: see `report_folder`.
+
+    Raises:
+        EverystateError: no agent there, or no folder to write to.
     """
-    run_dir = Path(run_dir)
+    folder, run_dir = report_folder(run_dir, out), Path(run_dir)
     agent = load(run_dir) if agent is None else agent
-    folder = run_dir / "report"
-    folder.mkdir(exist_ok=True)
     shown: list[page.Shown] = []
     for picture in pictures(run_dir, result, agent):
         path = folder / f"{picture.name}.png"
@@ -65,12 +72,36 @@ def report(
     return target
 
 
+def report_folder(run_dir: Path | str, out: Path | None = None) -> Path:
+    """The folder that a report goes to, made if need be: `out`, by default RUN/report.
+
+    Raises:
+        EverystateError: without `out`, it is no run; or the folder cannot be made.
+    """
+    run_dir = Path(run_dir)
+    if out is None and (not run_dir.is_dir() or (run_dir / "agent.json").exists()):
+        raise EverystateError(
+            f"{run_dir} is an agent without its run: name a folder for its report with --out"
+        )
+    folder = run_dir / "report" if out is None else out
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EverystateError(
+            f"cannot write to {folder} ({error.strerror}): name another folder with --out"
+        ) from error
+    return folder
+
+
 def pictures(run_dir: Path, result: Mapping[str, Any], agent: maps.Explorer) -> list[Picture]:
     """All pictures there are for this run, in the order of the page."""
     config = agent.config
     env = make(config.body, 1, 0, **parse_options(config.body_options))
     suite = suites.load(config.body, options=config.body_options)
     first = next(iter(result["suites"].values()))
+    if first["tasks"] < len(suite.goals):
+        suite = suite.subset(first["tasks"])
+    planning = bool(first["planning"])
     found = [
         *_successes(result),
         Picture(
@@ -78,10 +109,11 @@ def pictures(run_dir: Path, result: Mapping[str, Any], agent: maps.Explorer) -> 
             "On its way",
             "From a start to a goal (green ghost) of the suite, under the body's own noise, until"
             " the body is within 0.5 σ of it: a task of median duration among those it holds.",
-            lambda: filmstrip(agent, env, suite, planning=bool(first["planning"])),
+            lambda: filmstrip(agent, env, suite, planning=planning),
         ),
     ]
-    return found + on_the_map(run_dir, agent, env, suite) + over_time(run_dir)
+    mapped = on_the_map(run_dir, agent, env, suite, planning=planning)
+    return found + mapped + over_time(run_dir)
 
 
 def _successes(result: Mapping[str, Any]) -> list[Picture]:
@@ -180,7 +212,12 @@ def over_time(run_dir: Path) -> list[Picture]:
 
 
 def on_the_map(
-    run_dir: Path, agent: maps.Explorer, env: BodyVectorEnv, suite: suites.Suite
+    run_dir: Path,
+    agent: maps.Explorer,
+    env: BodyVectorEnv,
+    suite: suites.Suite,
+    *,
+    planning: bool = False,
 ) -> list[Picture]:
     """Pictures of the state space, for bodies whose state is a place on a map."""
     if not maps.drawable(env):
@@ -200,9 +237,11 @@ def on_the_map(
         arrows = Picture(
             "policy",
             "What it does",
-            f"Actions on the way to one goal on the {last} (star): the policy at z = 0, and the"
-            " first of the best few actions in a row that a short search finds.",
-            lambda: maps.policy_arrows(agent, env, goals[last], batch=len(suite.goals)),
+            f"Actions on the way to one goal on the {last} (star): the policy at z = 0"
+            + (", and the first of the best few that a short search finds." if planning else "."),
+            lambda: maps.policy_arrows(
+                agent, env, goals[last], planning=planning, batch=len(suite.goals)
+            ),
         )
         found.append(arrows)
     samples = sorted((run_dir / "samples").glob("*.npz"))

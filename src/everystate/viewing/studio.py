@@ -40,7 +40,13 @@ class Studio:
     """A live body and the page that shows it; what is pressed there is done between two steps."""
 
     def __init__(
-        self, run: Path | str, *, host: str = HOST, port: int = 8080, seed: int = 0
+        self,
+        run: Path | str,
+        *,
+        host: str = HOST,
+        port: int = 8080,
+        plan: bool | None = None,
+        seed: int = 0,
     ) -> None:
         """Loads the agent, serves the page and begins to live.
 
@@ -48,6 +54,7 @@ class Studio:
             run: run folder, also one that is still training, exported agent, or a shipped one.
             host: address to serve the page on; one that other machines can reach asks for a token.
             port: of the page; 0 takes any that is free.
+            plan: whether it begins by planning ahead or by the policy; None: as the agent says.
             seed: of where the body starts, its noise, and what surprises it.
 
         Raises:
@@ -55,7 +62,7 @@ class Studio:
                 cannot be had.
         """
         self.run = Path(run)
-        self.world = World(load(run), seed)
+        self.world = World(load(run), seed, plan=plan)
         env = self.world.env
         if not isinstance(env, MujocoVectorEnv):
             raise EverystateError(f"{env.name} has no model that a browser can draw")
@@ -249,9 +256,16 @@ def _free(host: str, port: int) -> int:
         ) from error
 
 
-def studio(run: Path | str, *, host: str = HOST, port: int = 8080, seed: int = 0) -> None:
+def studio(
+    run: Path | str,
+    *,
+    host: str = HOST,
+    port: int = 8080,
+    plan: bool | None = None,
+    seed: int = 0,
+) -> None:
     """Serves the page until Ctrl-C; see `Studio`."""
-    page = Studio(run, host=host, port=port, seed=seed)
+    page = Studio(run, host=host, port=port, plan=plan, seed=seed)
     print(f"{page.address} (Ctrl-C ends it)", flush=True)
     try:
         page.wait()

@@ -36,10 +36,13 @@ class Thoughts(NamedTuple):
 class World:
     """A body that is sent from goal to goal, pushed about and made heavier; never reset."""
 
-    def __init__(self, agent: Agent, seed: int = 0) -> None:
-        """Begins where the body does, with its own state as its goal."""
+    def __init__(self, agent: Agent, seed: int = 0, *, plan: bool | None = None) -> None:
+        """Begins where the body does, with its own state as its goal.
+
+        It plans if `plan`, or else as the agent says.
+        """
         self.agent = agent
-        self.plan = True
+        self.plan = agent.act_with == "plan" if plan is None else plan
         self.pessimistic = agent.config.pessimism != "mean"
         self.mass = 1.0
         self._rng = np.random.default_rng(seed)
