@@ -13,6 +13,7 @@ import pytest
 from rich.table import Table
 
 from everystate import cli, evaluation, training, viewing
+from everystate.cli import progress
 from everystate.cli.options import Train
 from everystate.cli.sections import FIRST, sections
 from everystate.config import Config
@@ -201,6 +202,7 @@ def test_json_is_the_whole_last_line(
     assert json.loads(capsys.readouterr().out.splitlines()[-1]) == RESULT
     ((_, asked),) = calls
     assert asked.pop("run") == Path("runs/x")
+    assert callable(asked.pop("on_step"))
     wanted = {"suite": None, "split": "report", "plan": False, "episodes": None}
     assert asked == wanted | {"skills": False, "perturb": False}
 
@@ -232,6 +234,7 @@ def test_report_measures_as_asked_and_names_its_page(
     """By the policy unless asked, as the agent itself does not ask for planning."""
     assert cli.main(["report", "ramp-pointmass", "--out", "a", "--episodes", "5", *words]) == 0
     assert capsys.readouterr().out.strip() == "a/index.html"
+    assert callable(calls[0][1].pop("on_step"))
     asked = {"run": Path("ramp-pointmass"), "plan": plans, "episodes": 5}
     assert calls == [("evaluate", asked), ("report", (Path("ramp-pointmass"), RESULT))]
 
@@ -282,6 +285,26 @@ def test_what_is_piped_is_plain_and_fits_a_terminal() -> None:
     lines = done.stdout.decode().splitlines()
     assert any("ledge" in line and "100 %" in line for line in lines)
     assert not any("\x1b" in line or len(line) > 80 for line in lines)
+
+
+def test_where_there_is_no_terminal_a_plain_line_says_how_far_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    with progress.working("measuring") as count:
+        count(1, 2000, 0.25)
+    assert capsys.readouterr().err == ""  # not every step
+    monkeypatch.setattr(progress, "PERIOD", -1.0)
+    clock = iter((100.0, 110.0, 400.0))
+    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
+    with progress.working("measuring") as count:
+        count(1, 2000, 0.25)
+        count(1500, 2000, 0.5)
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.splitlines() == [
+        "measuring, step 1 of 2,000, about 30 s left",
+        "measuring, step 1,500 of 2,000, about 5 min left",
+    ]
 
 
 def test_evaluate_writes_a_raw_file_that_was_not_there(

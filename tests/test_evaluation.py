@@ -18,7 +18,9 @@ from everystate.envs import make
 from everystate.envs.ramp_pointmass import region
 from everystate.errors import EverystateError
 from everystate.evaluation import aggregate, metrics, suites
+from everystate.evaluation.perturbations import GRID
 from everystate.presets import preset
+from everystate.skills import SKILLS
 
 ROOT = Path(__file__).parents[1]
 CONFIG = preset("test")
@@ -65,6 +67,25 @@ def waypoint(s: np.ndarray, g: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def perfect() -> dict[str, Any]:
     return evaluation.evaluate(Scripted())
+
+
+@pytest.mark.parametrize("plan", [False, True])
+def test_steps_are_counted_to_their_end(plan: bool) -> None:
+    told: list[tuple[int, int, float]] = []
+    options = {"episodes": 2, "plan": plan, "skills": True, "perturb": True}
+    result = evaluation.evaluate(Idle(), **options, on_step=lambda *x: told.append(x))
+    steps = int(suites.load("ramp-pointmass").subset(2).horizons.max()) * (1 + len(GRID))
+    steps += sum(skill.steps for skill in SKILLS["ramp-pointmass"].values())
+    steps *= 1 + plan
+    assert [done for done, _, _ in told] == [*range(1, steps + 1)]
+    assert {of for _, of, _ in told} == {steps}
+    shares = [share for _, _, share in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+    alone = evaluation.evaluate(Idle(), **options)
+    assert {n: x for n, x in result.items() if n not in ("time", "command")} == {
+        n: x for n, x in alone.items() if n not in ("time", "command")
+    }
 
 
 # --- Metrics on trajectories made by hand ---

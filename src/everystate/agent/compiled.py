@@ -15,6 +15,8 @@ from everystate.learning.objectives import objective
 from everystate.learning.planning import Planning
 from everystate.learning.planning import plan as search
 
+_BATCH = 64  # of searches, whose imagined outcomes must fit into memory
+
 
 @eqx.filter_jit
 def act(
@@ -37,12 +39,17 @@ def plan(
     goals: Float[Array, "n s"],
     key: PRNGKeyArray,
 ) -> Float[Array, "n a"]:
-    """The first actions of what a search finds for each, in batches that fit into memory."""
+    """The first actions of what a search finds for each."""
     return jax.lax.map(
         lambda x: search(config, planning, models, x[0], x[1], key=x[2]),
         (states, goals, jax.random.split(key, len(states))),
-        batch_size=64,
+        batch_size=_even(len(states)),
     )
+
+
+def _even(count: int) -> int:
+    """A size for batches that seldom leaves a smaller rest, which would be compiled too."""
+    return -(-count // max(1, -(-count // _BATCH))) or 1
 
 
 @eqx.filter_jit

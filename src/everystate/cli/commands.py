@@ -22,7 +22,6 @@ import dataclasses
 import json
 import sys
 import warnings
-from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -39,6 +38,7 @@ from everystate.cli.options import (
     Train,
     parse,
 )
+from everystate.cli.progress import working
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
 from everystate.presets import preset
@@ -85,9 +85,10 @@ def evaluate(argv: list[str]) -> None:
 
     if options.out and options.out.exists():
         raise EverystateError(f"{options.out} exists already: choose another --out")
-    with _working("measuring"):
+    with working("measuring") as count:
         result = evaluation.evaluate(
             options.run,
+            on_step=count,
             suite=options.suite or None,
             split=options.split,
             plan=options.plan,
@@ -140,8 +141,11 @@ def report(argv: list[str]) -> None:
     loaded = agent.load(options.run)
     plan = loaded.act_with == "plan" if options.planning is None else options.planning
     viewing.report_folder(options.run, options.out)  # better said now than after the measuring
-    with _working("measuring, then drawing"):
-        result = evaluation.evaluate(options.run, plan=plan, episodes=options.episodes)
+    with working("measuring") as count:
+        result = evaluation.evaluate(
+            options.run, plan=plan, episodes=options.episodes, on_step=count
+        )
+    with working("drawing"):
         page = viewing.report(options.run, result, agent=loaded, out=options.out)
     print(page)
 
@@ -151,7 +155,7 @@ def render(argv: list[str]) -> None:
     options = parse(Render, "render", argv)
     from everystate import viewing
 
-    with _working("filming"):
+    with working("filming"):
         path = viewing.render(
             options.run,
             options.out,
@@ -180,8 +184,8 @@ def demo(argv: list[str]) -> None:
     run_dir = train(["ramp-pointmass", *argv], "demo", Path("runs/ramp-pointmass-demo"))
     from everystate import evaluation, viewing
 
-    with _working("measuring"):
-        result = evaluation.evaluate(run_dir)
+    with working("measuring") as count:
+        result = evaluation.evaluate(run_dir, on_step=count)
     for table in evaluation.tables(result):
         _print(table)
     print(f"report:      {viewing.report(run_dir, result)}")
@@ -240,20 +244,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     return 0
-
-
-@contextlib.contextmanager
-def _working(what: str) -> Iterator[None]:
-    """Says on a terminal that something takes its time, and how long it has been."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
-    quiet = not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=quiet) as bar:
-        bar.add_task(what, total=None)
-        yield
 
 
 def _print(table: Any) -> None:

@@ -9,6 +9,7 @@ from everystate.agent import config_to_json, load
 from everystate.agent.files import read_lines
 from everystate.evaluation import suites
 from everystate.evaluation.agents import Agent
+from everystate.evaluation.counting import Counting, OnStep
 from everystate.evaluation.measure import measure
 from everystate.evaluation.performances import STARTS, success_rates
 from everystate.evaluation.perturbations import GRID, summarised
@@ -26,6 +27,7 @@ def evaluate(
     skills: bool = False,
     perturb: bool = False,
     seed: int = 0,
+    on_step: OnStep | None = None,
 ) -> dict[str, Any]:
     """Goal reaching on the fixed suites of the agent's body, under the body's own noise.
 
@@ -38,6 +40,8 @@ def evaluate(
         skills: also the named skills of the body; otherwise `skills` is None.
         perturb: also in each world of `perturbations.GRID`; otherwise `perturbed` is None.
         seed: of the body's noise and of planning; the same seed gives the same result.
+        on_step: is called after each control step, of all bodies at once, with how many are done,
+            how many there are in all, and the share of the work that is done.
 
     Returns:
         What JSON can hold: `score`, the mean of the policy's over the suites; `suites` by name,
@@ -62,6 +66,11 @@ def evaluate(
     if episodes is not None:
         loaded = [one.subset(episodes) for one in loaded]
     ways = {"policy": False} | ({"planning": True} if plan else {})
+    if on_step:
+        each = [int(one.horizons.max()) for one in loaded]
+        each += [each[0]] * len(GRID) if perturb else []
+        each += [one.steps for one in skills_of(config.body).values()] if skills else []
+        agent = Counting(agent, {False: sum(each), True: sum(each) if plan else 0}, on_step)
     measured = {}
     for one in loaded:
         by = {way: measure(agent, one, plan=plans, seed=seed) for way, plans in ways.items()}

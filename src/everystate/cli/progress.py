@@ -1,0 +1,50 @@
+"""Says that something takes its time, how far it is, and how long it will take: on stderr."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from time import monotonic
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+Count = Callable[[int, int, float], None]
+PERIOD = 30.0
+"""Seconds between plain lines, where there is no terminal to draw a bar on."""
+
+
+@contextlib.contextmanager
+def working(what: str) -> Iterator[Count]:
+    """While it lasts there is a bar on a terminal, and elsewhere a plain line now and then.
+
+    What it gives is called with the steps done, all there are, and the share of the work done.
+    """
+    console = Console(stderr=True)
+    columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn()
+    times = TextColumn("left"), TimeRemainingColumn(), TextColumn("so far"), TimeElapsedColumn()
+    began = said = monotonic()
+    with Progress(
+        *columns, *times, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task(what, total=None)
+
+        def count(done: int, steps: int, share: float) -> None:
+            nonlocal said
+            text, now = f"{what}, step {done:,} of {steps:,}", monotonic()
+            bar.update(task, total=1.0, completed=share, description=text)
+            if not console.is_terminal and now - said > PERIOD:
+                said = now
+                left = (now - began) * (1 - share) / share
+                console.print(f"{text}, about {_lasting(left)} left", highlight=False)
+
+        yield count
+
+
+def _lasting(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
