@@ -216,7 +216,9 @@ def test_a_finished_run_is_left_as_it_is(tmp_path: Path, capsys: pytest.CaptureF
     run = quietly(run_dir=tmp_path / "run")
     before = timeless(run), checkpoints(run)
     assert train(BODY, preset="test", run_dir=run) == run
-    assert "is finished" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "is finished" in shown
+    assert "compil" not in shown
     assert (timeless(run), checkpoints(run)) == before
 
 
@@ -270,10 +272,21 @@ def test_ctrl_c_saves_the_last_whole_epoch(
     done = 1 if during == "collection" else 2
     assert checkpoints(run) == [f"{done:06d}"]
     assert len(read_metrics(run)) == done
-    assert f"{done:06d} holds the run after epoch {done}" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert f"{done:06d} holds the run after epoch {done}" in shown
+    said = [
+        "training in",
+        "compiling: about a minute the",
+        "compiled, and epoch 1 done, in",
+        "epoch 1/4",
+    ]
+    places = [shown.index(text) for text in said]
+    assert places == sorted(places)
 
     monkeypatch.setattr(loop, "compiled", lambda config: idle())
-    quietly(run_dir=run, epochs=4, checkpoint_period=4)
+    train(BODY, preset="test", run_dir=run, progress="plain", epochs=4, checkpoint_period=4)
+    shown = capsys.readouterr().out  # a program is compiled in every process
+    assert shown.count("compiled, and epoch") == shown.count(f"and epoch {done + 1} done") == 1
     straight = quietly(run_dir=tmp_path / "straight", epochs=4, checkpoint_period=4)
     assert timeless(run) == timeless(straight)
 

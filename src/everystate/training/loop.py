@@ -38,6 +38,8 @@ from everystate.training.learner import Learner, compiled
 from everystate.training.logging import Log, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
 
+COMPILING = "compiling: about a minute the first time, seconds after that"
+
 
 def train(
     config_or_body: Config | str,
@@ -140,6 +142,7 @@ def _run(
     start = time.perf_counter() - log.elapsed_before
     if snapshot is None:
         log.say(f"training in {folder}")
+        log.say(COMPILING)
         snapshot = warm_up(config, env, groups)
         if snapshot is None:
             return
@@ -149,9 +152,11 @@ def _run(
         log.say(f"resuming {folder} after epoch {snapshot.epoch}")
         if not env.exact_restore:
             log.say(f"{env.name} cannot be put back into a state: its bodies start anew")
+        log.say(COMPILING)
     hosts.go_on()
     snapshot = snapshot._replace(agent=hosts.shared(config, snapshot.agent))
 
+    first = snapshot.epoch + 1
     while snapshot.epoch < config.epochs:
         epoch, before = snapshot.epoch + 1, time.perf_counter()
         done = collect(learner, groups, snapshot)
@@ -168,6 +173,10 @@ def _run(
         agent, learned, fault = learner.update(agent)
         metrics = {name: float(value) for name, value in jax.device_get(learned).items()}
         after = time.perf_counter()
+        if epoch == first:
+            log.say(
+                f"compiled, and epoch {first} done, in {after - start - log.elapsed_before:.0f} s"
+            )
         met = _agent(config, env, snapshot._replace(agent=agent))
         if problem := faults.report(folder, epoch, metrics, fault, met):
             if config.not_finite == "stop" or faults.not_finite(metrics):
