@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from rich.table import Table
 
-from everystate import cli, evaluation, training, viewing
+from everystate import cli, envs, evaluation, training, viewing
 from everystate.cli import progress
 from everystate.cli.options import Train
 from everystate.cli.sections import FIRST, sections
@@ -258,10 +258,34 @@ def test_bodies_are_listed(capsys: pytest.CaptureFixture) -> None:
         "pole_velocity [rad/s]",
         "third_party/ant",
         "every 50 ms",
+        "actions, from -1 to 1 each: x, y\n",
+        "travel a copy",
     ):
         assert text in shown
     assert cli.main(["bodies", "gymnasium:Pendulum-v1"]) == 0
-    assert "3 state components, 1 actions" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "3 state components, 1 actions" in shown
+    assert "from -1 to 1 each: action_0 (-2 to 2)\n" in shown
+    assert "travel" not in shown
+
+
+def test_a_body_of_ones_own_says_what_travels_with_its_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "bar.xml").write_text("""
+      <mujoco><worldbody><body><joint name="shoulder" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.1"/></body></worldbody></mujoco>
+    """)
+    (tmp_path / "arm.xml").write_text("""
+      <mujoco><include file="bar.xml"/><actuator>
+      <motor joint="shoulder" ctrlrange="-3 1" ctrllimited="true"/>
+      <motor name="second" joint="shoulder"/></actuator></mujoco>
+    """)
+    assert cli.main(["bodies", "arm.xml"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "from -1 to 1 each: shoulder (-3 to 1), second " in shown
+    copied = envs.make("arm.xml", 1, 0).model_hash[:12]
+    assert f"copies of arm.xml, bar.xml, and the hash {copied}... of what it compiles to" in shown
 
 
 @pytest.mark.parametrize(

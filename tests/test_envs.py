@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import everystate.envs
-from everystate.envs import BODIES, BodyVectorEnv, MujocoVectorEnv, make
+from everystate.envs import BODIES, BodyVectorEnv, MujocoVectorEnv, describe, make
 from everystate.envs.registered import SingleEnv
 from everystate.errors import EverystateError
 
@@ -57,8 +57,10 @@ def test_spaces_and_names_agree(body: str) -> None:
     assert info == {}
     assert env.regions(observations).shape == env.falls(observations, observations).shape == (3,)
     assert env.scored(observations).shape[0] == 3
-    for text in (env.name, *env.state_names):
-        assert text in env.describe()
+    assert len(env.action_names) == env.single_action_space.shape[0]
+    assert [len(bounds) for bounds in env.action_bounds] == [len(env.action_names)] * 2
+    for text in (env.name, *env.state_names, *env.action_names):
+        assert text in describe(env)
 
 
 def test_same_seed_same_trajectory(body: str) -> None:

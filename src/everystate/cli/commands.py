@@ -8,7 +8,7 @@
   render RUN     film an agent performing a skill, going to a goal or exploring
   studio RUN     watch an agent in the browser and send it about
   demo           all three on the Ramp Pointmass, in minutes
-  bodies [BODY]  list the bodies and their states, or describe any other
+  bodies [BODY]  list the bodies, their states and actions, or describe any other
   skills [BODY]  list the named skills, for `evaluate --skills` and `agent.perform`
 
 `everystate COMMAND --help` lists the options, `everystate --version` says which this is. Exit
@@ -194,17 +194,22 @@ def demo(argv: list[str]) -> None:
     print(f"in Python:   everystate.load({str(run_dir)!r}).act(observation, goal)")
 
 
+_OTHERS = """\
+Also the path of any MJCF file, NAME.xml, and MODULE:ID for what a module registers with
+Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it. With a run on an
+MJCF file, and with its agent, travel a copy of it and of all files that it names (meshes,
+textures, includes), and a hash of the model that it compiles to."""
+
+
 def bodies(argv: list[str]) -> None:
     """List the bodies: those built in, or the ones named."""
     named = parse(Bodies, "bodies", argv).body
     from everystate import envs
 
     for name in named or envs.BODIES:
-        print(envs.make(name, 1, 0).describe(), end="\n\n")
+        print(envs.describe(envs.make(name, 1, 0)), end="\n\n")
     if not named:
-        print("Also the path of any MJCF file, NAME.xml, and MODULE:ID for what a module registers")
-        print("with Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it. A run")
-        print("and its agent keep a copy of an MJCF file, and of all the files that it names.")
+        print(_OTHERS)
 
 
 def skills(argv: list[str]) -> None:

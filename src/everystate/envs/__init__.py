@@ -14,6 +14,7 @@ from everystate.envs.adapt import import_module
 from everystate.envs.ant import Ant
 from everystate.envs.body import Body
 from everystate.envs.cartpole import Cartpole
+from everystate.envs.description import description
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.gymnasium_vector import GymnasiumVectorEnv
 from everystate.envs.joints import JointBody
@@ -36,6 +37,7 @@ __all__ = [
     "Physics",
     "RampPointmass",
     "copy_model",
+    "describe",
     "make",
     "own_model",
     "parse_options",
@@ -111,6 +113,11 @@ def own_model(env: BodyVectorEnv) -> Path | None:
         return None
     has_option = any(f.name == "xml" for f in dataclasses.fields(env.body))  # pyright: ignore
     return env.body.xml if has_option else None
+
+
+def describe(env: BodyVectorEnv) -> str:
+    """What a body is, in lines for people; see `description`."""
+    return description(env, own_model(env))
 
 
 @functools.cache

@@ -92,7 +92,7 @@ class ActionScaling:
             raise EverystateError(
                 f"action component {bad} of {body} can only be {low[bad]:g}: leave it out"
             )
-        self.size = low.size
+        self.size, self.low, self.high = low.size, low, high
         self._shape, self._dtype = space.shape, space.dtype
         self._middle, self._half = (low + high) / 2, (high - low) / 2
 

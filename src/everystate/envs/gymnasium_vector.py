@@ -65,6 +65,7 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         self.control_step = step * disturbance.action_repeat if isinstance(step, float) else None
         self._goes_on = ends == "ignore" or (ends == "auto" and found is not None)
         super().__init__(num_envs, seed, low, high, self._scale.size, disturbance, render_mode)
+        self.action_bounds = self._scale.low, self._scale.high
         rest = [make_single(body, render_mode, **kwargs) for _ in range(num_envs - 1)]
         self.envs: list[gymnasium.Env] = [first, *rest]
         if disturbance.changes_model and found is None:

@@ -78,7 +78,7 @@ def copy_model(xml: Path, folder: Path) -> None:
         EverystateError: it names a file in a way that means another one from another folder.
         OSError: a file cannot be read or written.
     """
-    files = _dependencies(xml)
+    files = model_files(xml)
     root = Path(os.path.commonpath([file.parent for file in files]))
     names = {file.relative_to(root): file for file in files}
     for name, file in names.items():
@@ -124,7 +124,7 @@ def copied_model(folder: Path) -> Path:
 
 def _require_inside(folder: Path, model: PurePosixPath | Path, named: Path) -> None:
     """Raises unless a copied file names copied files only."""
-    for file in _dependencies(folder / model):
+    for file in model_files(folder / model):
         if not file.is_relative_to(_absolute(folder)):
             raise EverystateError(
                 f"{named} names {file} by a path that leads out of its copy: name it relative to"
@@ -132,7 +132,7 @@ def _require_inside(folder: Path, model: PurePosixPath | Path, named: Path) -> N
             )
 
 
-def _dependencies(xml: Path) -> list[Path]:
+def model_files(xml: Path) -> list[Path]:
     """The file and all that it names, however deeply: included files, meshes, textures, fields.
 
     MuJoCo's own list looks for height fields in the wrong folder. So every file is added that one

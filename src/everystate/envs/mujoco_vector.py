@@ -62,7 +62,10 @@ class MujocoVectorEnv(BodyVectorEnv):
         )
         self._batch = mujoco.batch.Batch(self.model, num_envs, nthread=num_threads)
         self._physics = {name: self._batch.bind(name) for name in _PHYSICS}
-        self._ctrl_range = _motor_range(self.model)
+        low, high = _motor_bounds(self.model)
+        self.action_names, self.action_bounds = _motor_names(self.model), (low, high)
+        even = (low == -1).all() and (high == 1).all()
+        self._ctrl_range = None if even else ((low + high) / 2, (high - low) / 2)
         self._drives = type(body).drive is not Body.drive
         self.reset()
 
@@ -173,8 +176,21 @@ class MujocoVectorEnv(BodyVectorEnv):
         return MujocoVectorEnv(self.body, 20, 0)
 
 
-def _motor_range(model: mujoco.MjModel) -> Sequence[Float[np.ndarray, " nu"]] | None:
-    """Middle and half of what the motors take, None where that is [-1, 1] or has no bounds."""
+def _motor_bounds(
+    model: mujoco.MjModel,
+) -> tuple[Float[np.ndarray, " nu"], Float[np.ndarray, " nu"]]:
+    """Least and most of what the motors take: -1 and 1 where they have no bounds."""
     low, high = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, [-1, 1]).T
-    middle, half = (low + high) / 2, (high - low) / 2
-    return None if (middle == 0).all() and (half == 1).all() else (middle, half)
+    return low, high
+
+
+def _motor_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """As in the file, or else those of their joints, or else by their number."""
+    on_joint = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    names = []
+    for i in range(model.nu):
+        name = model.actuator(i).name
+        if not name and int(model.actuator_trntype[i]) in on_joint:
+            name = model.joint(model.actuator_trnid[i, 0]).name
+        names.append(name or f"motor{i}")
+    return tuple(names)

@@ -3,7 +3,6 @@
 import functools
 import math
 import secrets
-import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -56,6 +55,9 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
     """Where the model came from."""
     state_names: tuple[str, ...]
     state_units: tuple[str, ...]
+    action_names: tuple[str, ...]
+    action_bounds: tuple[Float[np.ndarray, " action"], Float[np.ndarray, " action"]]
+    """What the body takes for -1 and for 1, in its own units."""
     nominal: tuple[Sequence[float] | Float[np.ndarray, " state"], ...]
     """Centre and spread, NaN where they are to be measured."""
     control_step: float | None
@@ -88,6 +90,8 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         low, high = np.asarray(low, dtype=np.float32), np.asarray(high, dtype=np.float32)
         self.single_observation_space = Box(low, high)
         self.single_action_space = Box(-1.0, 1.0, shape=(action_size,), dtype=np.float32)
+        self.action_names = tuple(f"action_{i}" for i in range(action_size))
+        self.action_bounds = -np.ones(action_size), np.ones(action_size)
         self.observation_space = batched_box(self.single_observation_space, num_envs)
         self.action_space = batched_box(self.single_action_space, num_envs)
         self._never = np.zeros(num_envs, dtype=bool)
@@ -188,21 +192,6 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
     def observe(self) -> Float32[np.ndarray, "envs state"]:
         """What each body observes now, sensor noise included; nothing moves."""
         return self._sense()
-
-    def describe(self) -> str:
-        """What it is, in lines for people: sizes, state, control step, source."""
-        actions = self.single_action_space.shape[0]
-        pace = f"one every {1000 * self.control_step:g} ms" if self.control_step else "pace unknown"
-        constant = self.scaling.constant
-        parts = [
-            name + ("" if unit == "1" else f" [{unit}]") + (" (constant)" if still else "")
-            for name, unit, still in zip(self.state_names, self.state_units, constant, strict=True)
-        ]
-        state = textwrap.fill(", ".join(parts), 78, initial_indent="  ", subsequent_indent="  ")
-        return (
-            f"{self.name}: {len(parts)} state components, {actions} actions, {pace}\n"
-            f"  from {self.source}\n{state}"
-        )
 
     def regions(self, observations: Float[np.ndarray, "*n state"]) -> Shaped[np.ndarray, "*n"]:
         """The name of the part of the world each state lies in."""
