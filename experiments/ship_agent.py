@@ -10,6 +10,8 @@ takes the place of an old one only when the old folder was removed.
 writes a shipped agent anew, in the format of today: the same arrays and settings, what the model of
 its body compiles to today, and the scores of an `--evaluation` or else those it has. Before that,
 see that the model has not changed.
+
+An agent's scores say what drives it best (`best_by`).
 """
 
 import argparse
@@ -21,6 +23,7 @@ from typing import Any
 
 import everystate
 from everystate import envs, evaluation
+from everystate.agent import ActWith
 from everystate.skills import SKILLS
 from everystate.training.bodies import info
 
@@ -50,6 +53,7 @@ def main() -> None:
         "trained_with": config.get("versions", {}),
         **told(result),
     }
+    agent = dataclasses.replace(agent, act_with=best_by(scores))
     print(agent.export(AGENTS / options.name, scores))
 
 
@@ -57,6 +61,13 @@ def told(result: dict[str, Any]) -> dict[str, Any]:
     """What an agent keeps of its evaluation."""
     suites = {name: one["policy"]["score"] for name, one in result["suites"].items()}
     return {"score": result["score"], "suites": suites, "skills": result["skills"]}
+
+
+def best_by(scores: dict[str, Any]) -> ActWith:
+    """Planning where it does more of the skills, by the sum of their rates; or else the policy."""
+    rates = scores["skills"] or {}
+    planning, policy = (sum((rates.get(way) or {}).values()) for way in ("planning", "policy"))
+    return "plan" if planning > policy else "policy"
 
 
 def renew(folder: Path, evaluated: Path | None) -> None:
@@ -67,7 +78,8 @@ def renew(folder: Path, evaluated: Path | None) -> None:
     if evaluated:
         kept = {name: scores[name] for name in ("command", "trained_with")}
         scores = kept | told(json.loads(evaluated.read_text()))
-    agent = dataclasses.replace(agent, body=info(agent.config, env))
+    body = info(agent.config, env)
+    agent = dataclasses.replace(agent, body=body, act_with=best_by(scores))
     draft = agent.export(folder.with_name(f"{folder.name}-renewed"), scores)
     shutil.rmtree(folder)
     print(draft.rename(folder))

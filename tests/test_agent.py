@@ -68,6 +68,38 @@ def test_act_is_the_policy_at_its_centre(agent: Agent) -> None:
     np.testing.assert_allclose(agent.act(STATES[1], GOALS[1]), expected, rtol=1e-4, atol=1e-6)
 
 
+def test_predict_is_the_policys_centre_or_a_draw_from_it(agent: Agent) -> None:
+    centre, nothing = agent.predict(STATES, GOALS)
+    assert nothing is None
+    np.testing.assert_array_equal(centre, agent.act(STATES, GOALS))
+    one, again, other = (agent.predict(STATES, GOALS, False, seed=n)[0] for n in (1, 1, 2))
+    assert one.shape == (3, 2)
+    assert (np.abs(one) <= 1).all()
+    np.testing.assert_array_equal(one, again)
+    assert not np.array_equal(one, other)
+    assert agent.predict(STATES[0], GOALS[0], deterministic=False)[0].shape == (2,)
+    same = agent.predict(np.repeat(STATES[:1], 50, axis=0), GOALS[0], False)[0]
+    assert len(np.unique(same, axis=0)) > 10  # each of a batch is drawn on its own
+    with pytest.raises(EverystateError, match="nan in speed"):
+        agent.predict([1.0, np.nan], GOALS[0], False)
+
+
+def test_it_says_what_it_is_in_a_line(agent: Agent) -> None:
+    said = "Agent(ramp-pointmass: 2 state components, 2 actions, acts with policy)"
+    assert repr(agent) == said
+    assert agent.state_names == ("x", "speed")
+    assert agent.action_names == ("action_0", "action_1")
+    assert agent.units == {"x": (1.0, 0.5), "speed": (-2.0, 4.0)}
+    assert agent.units["speed"].spread == 4.0
+
+
+@pytest.mark.parametrize("name", envs.BODIES)
+def test_shipped_agents_know_the_names_of_their_actions(name: str) -> None:
+    shipped, env = load(name), envs.make(name, 1, 0)
+    assert shipped.action_names == env.action_names
+    assert shipped.body.action_names == env.action_names
+
+
 def test_one_goal_serves_many_states(agent: Agent) -> None:
     repeated = np.repeat(GOALS[:1], 3, axis=0)
     np.testing.assert_array_equal(agent.act(STATES, GOALS[0]), agent.act(STATES, repeated))

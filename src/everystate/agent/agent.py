@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
@@ -26,8 +26,16 @@ from everystate.learning.planning import Planning
 SHIPPED = Path(__file__).parents[1] / "agents"
 
 
+class Unit(NamedTuple):
+    """What a component of the state is scaled by: (value - centre) / spread."""
+
+    centre: float
+    spread: float
+    """1 σ, by which goals are scored and distances shown."""
+
+
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Agent:
     """A trained agent: where to go is its user's choice, how to get there is what it learned.
 
@@ -42,6 +50,27 @@ class Agent:
     body: BodyInfo
     act_with: ActWith = "policy"
     """What drives it best: the studio, films and reports do as it says unless told otherwise."""
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.state_names)} state components, {self.body.action_size} actions"
+        return f"Agent({self.config.body}: {sizes}, acts with {self.act_with})"
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Of the components of its states and goals, in order."""
+        return self.body.state_names
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Of the components of its actions, in order; `action_0` and so on if it knows none."""
+        known = self.body.action_names
+        return known or tuple(f"action_{i}" for i in range(self.body.action_size))
+
+    @property
+    def units(self) -> dict[str, Unit]:
+        """Centre and spread of each component of the state, by its name."""
+        centre, spread = (np.asarray(x).tolist() for x in self.scale)
+        return dict(zip(self.state_names, map(Unit, centre, spread), strict=True))
 
     def act(
         self,
@@ -66,6 +95,21 @@ class Agent:
         else:
             actions = compiled.act(self.models, states, goals)
         return _returned(actions, single)
+
+    def predict(
+        self, observation: ArrayLike, goal: ArrayLike, deterministic: bool = True, *, seed: int = 0
+    ) -> tuple[Float32[np.ndarray, "*n action"], None]:
+        """The policy's action, in the manner of Stable-Baselines3; it has no state: None.
+
+        If `deterministic`, the most central one, as `act` gives. Otherwise one that is drawn from
+        the policy: the same for the same `seed`, so give another at every step. Either argument may
+        be a batch, whose actions are drawn independently.
+        """
+        if deterministic:
+            return self.act(observation, goal), None
+        states, goals, single = self._pairs(observation, goal)
+        actions = compiled.sample(self.models, states, goals, jax.random.key(seed))
+        return _returned(actions, single), None
 
     def perform(self, skill: str, *, plan: bool = False, seed: int = 0) -> Performance:
         """Performs a named skill: call what is returned with each observation in turn.

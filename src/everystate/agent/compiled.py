@@ -31,6 +31,21 @@ def act(
 
 
 @eqx.filter_jit
+def sample(
+    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"], key: PRNGKeyArray
+) -> Float[Array, "n a"]:
+    """Actions drawn from the policy."""
+
+    def drawn(
+        state: Float[Array, " s"], goal: Float[Array, " s"], key: PRNGKeyArray
+    ) -> Float[Array, " a"]:
+        latent = jax.random.normal(key, models.policy(state, goal).shape)
+        return jnp.clip(models.policy.at(state, goal, latent), -1, 1)
+
+    return jax.vmap(drawn)(states, goals, jax.random.split(key, len(states)))
+
+
+@eqx.filter_jit
 def plan(
     config: Config,
     planning: Planning,

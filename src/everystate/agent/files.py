@@ -59,6 +59,8 @@ class BodyInfo(NamedTuple):
     """What the model that it learned on compiled to; "" where that is not known."""
     versions: Mapping[str, str] = {}
     """Of the packages that the body came from."""
+    action_names: tuple[str, ...] = ()
+    """Empty where they are not known."""
 
 
 def export(path: Path, *agent_and_scores: Any) -> Path:
@@ -131,7 +133,8 @@ def read(
         _require_sound(folder, description)
         config = config_from_json(description["config"])
         body = BodyInfo(**description["body"])
-        body = body._replace(state_names=tuple(body.state_names), versions=dict(body.versions))
+        names = {n: tuple(getattr(body, n)) for n in ("state_names", "action_names")}
+        body = body._replace(versions=dict(body.versions), **names)
         act_with = description.get("act_with", "policy")
         if act_with not in get_args(ActWith):
             raise ValueError(f"act_with is {act_with!r}: expected policy or plan")

@@ -50,8 +50,8 @@ def make_bodies(config: Config, count: int) -> BodyVectorEnv:
 
 def info(config: Config, env: BodyVectorEnv) -> BodyInfo:
     """What a run and its agent keep of a body."""
-    actions = env.single_action_space.shape[0]
-    return BodyInfo(tuple(env.state_names), actions, env.model_hash, envs.versions(config.body))
+    names, versions = tuple(env.state_names), envs.versions(config.body)
+    return BodyInfo(names, len(env.action_names), env.model_hash, versions, env.action_names)
 
 
 def with_own_copy(config: Config, env: BodyVectorEnv, run: Path) -> Config:
