@@ -30,7 +30,7 @@ from everystate.learning import replay as rb
 from everystate.learning.flows import decode
 from everystate.learning.losses import gradients
 from everystate.learning.models import step
-from everystate.learning.objectives import objective
+from everystate.learning.objectives import objectives
 from everystate.learning.policy import Improvement, improve
 from everystate.learning.value import lowest
 from everystate.training.bodies import make_bodies
@@ -81,7 +81,7 @@ def trained(config: Config, epochs: int) -> tuple[AgentState, Learner, float]:
 def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]:
     """Milliseconds of each part of an update on its own, medians."""
     key = jax.random.key(0)
-    aim, some = objective(config, lowest(config, state.copies)), slice(config.improved_pairs)
+    aims, some = objectives(config, lowest(config, state.copies)), slice(config.improved_pairs)
 
     def draw(state: AgentState) -> rb.Minibatch:
         unit = state.models.dynamics.change_scale
@@ -101,10 +101,11 @@ def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]
     def best(state: AgentState, minibatch: rb.Minibatch, N: int) -> Any:
         fewer = replace(config, N=N)
         pairs = minibatch.states[some], minibatch.goals[some]
-        return improve(fewer, state.models, state.target_value, aim, *pairs, key=key)
+        known = zip(state.models.policies, state.target_values, aims, strict=True)
+        return [improve(fewer, state.models, *one, *pairs, key=key) for one in known]
 
-    def losses(state: AgentState, minibatch: rb.Minibatch, found: Improvement) -> Any:
-        models, known = (state.models, state.kept.dynamics), (state.target_value, aim)
+    def losses(state: AgentState, minibatch: rb.Minibatch, found: list[Improvement]) -> Any:
+        models, known = (state.models, state.kept.dynamics), (state.target_values, aims)
         m = minibatch
         return gradients(config, *models, m, m.states, found, *known, key=key)[0]
 

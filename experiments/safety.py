@@ -155,7 +155,7 @@ def actions(agent: Agent, places: Places, x: float | None) -> Float[np.ndarray, 
     latents = jax.random.normal(jax.random.key(0), (SAMPLES, 2))
 
     def sampled(state: jax.Array, goal: jax.Array) -> jax.Array:
-        policy = agent.models.policy(state, goal)
+        policy = agent.models.policies[0](state, goal)
         return jnp.clip(jax.vmap(lambda z: decode(policy, z))(latents), -1, 1)
 
     pairs = (agent.scale.scaled(jnp.asarray(y)) for y in (places, bound_for(places, x)))

@@ -64,7 +64,7 @@ def test_batch_and_single_act_alike(agent: Agent, plan: bool) -> None:
 
 def test_act_is_the_policy_at_its_centre(agent: Agent) -> None:
     state, goal = (jnp.asarray((x - CENTRE) / SPREAD) for x in (STATES[1], GOALS[1]))
-    expected = np.clip(decode(agent.models.policy(state, goal), jnp.zeros(2)), -1, 1)
+    expected = np.clip(decode(agent.models.policies[0](state, goal), jnp.zeros(2)), -1, 1)
     np.testing.assert_allclose(agent.act(STATES[1], GOALS[1]), expected, rtol=1e-4, atol=1e-6)
 
 
@@ -115,7 +115,7 @@ def test_steps_to_goal_is_minus_the_value(agent: Agent) -> None:
     state, goal = (jnp.asarray((x - CENTRE) / SPREAD) for x in (STATES[2], GOALS[2]))
     steps = agent.steps_to_goal(STATES, GOALS)
     assert steps.shape == (3,)
-    np.testing.assert_allclose(steps[2], -agent.models.value(state, goal), rtol=1e-4)
+    np.testing.assert_allclose(steps[2], -agent.models.values[0](state, goal), rtol=1e-4)
     np.testing.assert_allclose(agent.steps_to_goal(STATES[2], GOALS[2]), steps[2], rtol=1e-4)
 
 
@@ -317,4 +317,4 @@ def test_no_flow_remembers_a_trace(flow: FlowFamily) -> None:
     read = with_arrays(skeleton(config, 2, 2), named_arrays(state))
     for models in (state.models, read.models):
         assert jnp.isfinite(models.state_flow.log_prob(jnp.zeros(2)))
-        assert jnp.isfinite(models.policy(jnp.zeros(2), jnp.ones(2)).log_prob(jnp.zeros(2)))
+        assert jnp.isfinite(models.policies[0](jnp.zeros(2), jnp.ones(2)).log_prob(jnp.zeros(2)))

@@ -30,7 +30,7 @@ def ends(config, values):
         episodes, over = advance(config, episodes, states, v)
         goal = goal + np.asarray(over)
         v = jnp.asarray(values[t, goal, bodies], jnp.float32)
-        episodes = ep.restart(episodes, over, jnp.zeros((BODIES, 2)), v)
+        episodes = ep.restart(episodes, over, jnp.zeros((BODIES, 2)), jnp.zeros(BODIES, int), v)
         ended.append(np.asarray(over))
     return [list(np.flatnonzero(body)) for body in np.stack(ended, axis=1)]
 
@@ -87,12 +87,14 @@ def under_way():
 
 def test_only_bodies_whose_episode_is_over_restart():
     episodes, over = under_way(), jnp.arange(10) % 3 == 0
-    after = ep.restart(episodes, over, jnp.full((10, 2), 7.0), jnp.full(10, -2.0))
+    given = jnp.full((10, 2), 7.0), jnp.ones(10, int), jnp.full(10, -2.0)
+    after = ep.restart(episodes, over, *given)
     over = np.asarray(over)
-    for name in ("goals", "best_values", "steps_since_best", "lengths", "nearest"):
+    for name in ("goals", "objectives", "best_values", "steps_since_best", "lengths", "nearest"):
         old, new = np.asarray(getattr(episodes, name)), np.asarray(getattr(after, name))
         np.testing.assert_array_equal(new[~over], old[~over], err_msg=name)
     np.testing.assert_array_equal(after.goals[over], np.full((4, 2), 7.0))
+    np.testing.assert_array_equal(after.objectives[over], np.ones(4))
     np.testing.assert_array_equal(after.best_values[over], np.full(4, -2.0))
     np.testing.assert_array_equal(after.steps_since_best[over], np.zeros(4))
     np.testing.assert_array_equal(after.lengths[over], np.ones(4))

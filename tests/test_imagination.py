@@ -9,7 +9,7 @@ import pytest
 from flowjax.distributions import Normal
 
 from everystate.learning.imagination import imagined_returns
-from everystate.learning.objectives import objective
+from everystate.learning.objectives import objectives
 from everystate.presets import preset
 
 STEP, CERTAIN = 0.2, jnp.full(2, 1e-6)  # how far an action of 1 leads; no noise to speak of
@@ -22,12 +22,12 @@ def world(dynamics=lambda s, a: Normal(s + STEP * a, CERTAIN)):
 
 
 def policy(gain):
-    """Heads for the goal."""
+    """Leads towards the goal."""
     return lambda s, g: gain * (g - s)
 
 
 def value(s, g):
-    return -3 * jnp.linalg.norm(s - g)[None]
+    return -3 * jnp.linalg.norm(s - g)
 
 
 def configured(**fields):
@@ -37,7 +37,7 @@ def configured(**fields):
 
 def both(config, gain, models=None, floor=NO_FLOOR):
     models, key = models or world(), jax.random.key(0)
-    aim = objective(config, floor)
+    aim, *_ = objectives(config, floor)
     returns = imagined_returns(config, models, policy(gain), value, aim, STATES, GOALS, key=key)
     return jax.tree.map(jnp.mean, returns)
 
@@ -56,7 +56,7 @@ def by_hand(config, gain, steps, absorb):
             near = np.exp(-config.k * ((state - goal) ** 2).sum())
             total += weight * (near - 1)
             weight *= config.discount * (1 - absorb * near**config.absorb_power)
-        totals.append(total + weight * float(value(jnp.array(state), jnp.array(goal))[0]))
+        totals.append(total + weight * float(value(jnp.array(state), jnp.array(goal))))
     return np.mean(totals)
 
 
@@ -82,7 +82,7 @@ def test_a_policy_beyond_all_actions_is_led_back_but_no_further_out(beyond):
 
         key, config = jax.random.key(0), configured(imagined_steps=2)
         pair = jnp.zeros((1, 2)), jnp.full((1, 2), goal)
-        aim = objective(config)
+        aim, *_ = objectives(config)
         returns = imagined_returns(config, world(), acts, value, aim, *pair, key=key)
         return -returns.climbed.mean()
 

@@ -100,7 +100,9 @@ def fresh() -> AgentState:
             return x
         return x + jnp.asarray(random.normal(0, 0.2, x.shape), jnp.float32)
 
-    models, target = jax.tree_util.tree_map_with_path(shaken, (state.models, state.target_value))
+    models, target = jax.tree_util.tree_map_with_path(
+        shaken, (state.models, state.target_values[0])
+    )
     # V_targ spread out: where it is asked, within its bounds after one copy and beyond either.
     states = moving(config).observations.reshape(-1, STATE)
     values = jax.vmap(target)(states, states[::-1])
@@ -110,7 +112,7 @@ def fresh() -> AgentState:
     target = eqx.tree_at(
         lambda V: (V.network.mlp.layers[-1].weight, V.network.mlp.layers[-1].bias), target, moved
     )
-    return state._replace(models=models, target_value=target, copies=jnp.ones((), jnp.int32))
+    return state._replace(models=models, target_values=(target,), copies=jnp.ones((), jnp.int32))
 
 
 def begun(config: Config) -> AgentState:
@@ -238,14 +240,14 @@ def as_flow(encoder: Any, network: Any = None) -> paper.Flow:
 def as_models(models: Models) -> paper.Models:
     """The page's models, as views of ours."""
     # Of a union of which only one kind is ever the paper's.
-    flows: tuple[Any, ...] = models.dynamics.change, models.policy.flow, models.curriculum
+    flows: tuple[Any, ...] = models.dynamics.change, models.policies[0].flow, models.curriculum
     d, pi, c = flows
     return paper.Models(
         f=as_flow(models.state_flow.bijection),
         d=as_flow(d.encoder, d.network),
         pi=as_flow(pi.encoder, pi.network),
         c=as_flow(c.encoder, c.network),
-        V=as_mlp(models.value.network),
+        V=as_mlp(models.values[0].network),
         unit=models.dynamics.change_scale.real,
     )
 
@@ -292,7 +294,7 @@ def updated(name: str) -> tuple[Config, Any, Any, paper.Chance]:
 def on_the_page(models: Models, add: paper.Stabilisers, ours: tuple[Any, ...]) -> paper.Update:
     """The same update by the page, with the models that may be differentiated."""
     config, before, (_, _, batch, *_), random = ours
-    V_targ = as_mlp(as_complex(before.target_value).network)
+    V_targ = as_mlp(as_complex(before.target_values[0]).network)
     drawn, hyper = minibatch(batch), hyperparameters(config)
     return paper.update(as_models(models), V_targ, drawn, random, hyper, add)
 
@@ -418,19 +420,19 @@ def test_an_epoch_is_one_copy_of_v_its_updates_and_a_decay(monkeypatch: pytest.M
         return value.network.mlp.layers[-1].bias
 
     def counting(config: Config, state: AgentState, *, key: Any) -> tuple[Any, ...]:
-        counted = eqx.tree_at(bias, state.models.value, replace_fn=lambda x: x + 1)
-        metrics = {"V": bias(state.models.value)[0], "V_targ": bias(state.target_value)[0]}
+        counted = eqx.tree_at(bias, state.models.values[0], replace_fn=lambda x: x + 1)
+        metrics = {"V": bias(state.models.values[0])[0], "V_targ": bias(state.target_values[0])[0]}
         batch = guard.no_fault(config, state.replay.transitions).batch
-        return state._replace(models=state.models._replace(value=counted)), metrics, batch
+        return state._replace(models=state.models._replace(values=(counted,))), metrics, batch
 
     monkeypatch.setattr(algorithm, "update_once", counting)
     state = begun(config)
-    start = float(bias(state.models.value)[0])
-    assert start != pytest.approx(float(bias(state.target_value)[0]))
+    start = float(bias(state.models.values[0])[0])
+    assert start != pytest.approx(float(bias(state.target_values[0])[0]))
     after, metrics, _ = eqx.filter_jit(algorithm.update)(config, state)
     assert float(metrics["V_targ"]) == pytest.approx(start)  # in each of the updates
     assert float(metrics["V"]) == pytest.approx(start + 1)
-    assert float(bias(after.models.value)[0]) == pytest.approx(start + 3)
+    assert float(bias(after.models.values[0])[0]) == pytest.approx(start + 3)
     assert int(after.copies) == int(state.copies) + 1
     weights = paper.decayed(np.exp(state.replay.states.log), hyperparameters(config))
     np.testing.assert_allclose(np.exp(after.replay.states.log), weights, rtol=1e-6)
@@ -452,6 +454,6 @@ def test_nothing_that_paper_adds_is_idle():
     norms = [metrics[f"gradient/{field}"] for field in Models._fields]
     assert min(norms) < add.largest_norm < max(norms)
     goals = batch.minibatch.goals[:, None, None]
-    values = paper.value(as_mlp(before.target_value.network), next_states, goals)
+    values = paper.value(as_mlp(before.target_values[0].network), next_states, goals)
     assert values.min() < -int(before.copies) < 0 < values.max()
     assert stabilisers(preset("literal"), before) == paper.Stabilisers()

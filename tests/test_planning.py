@@ -36,8 +36,8 @@ def known(outcomes: Any, value: Any, actions: int = 1) -> Any:
     return SimpleNamespace(
         state_flow=Normal(jnp.zeros(2)),
         dynamics=World(outcomes),
-        policy=lambda *_: wide,
-        value=lambda state, goal: value(state, goal)[None],
+        policies=(lambda *_: wide,),
+        values=(value,),
     )
 
 

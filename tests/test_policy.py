@@ -11,7 +11,7 @@ from flowjax.distributions import Normal
 
 from everystate.config import Config
 from everystate.learning import policy
-from everystate.learning.objectives import objective
+from everystate.learning.objectives import objectives
 from everystate.learning.policy import improve, score
 from everystate.presets import preset
 
@@ -51,13 +51,10 @@ def scored(monkeypatch, config, models, value, state, goal, key):
 
 
 def improved(config, models, value, state, goal, key):
-    """Of one state and one goal, V having one head."""
-    key, aim = jax.random.key(key), objective(config)
-
-    def heads(s, g):
-        return value(s, g)[None]
-
-    result = improve(config, models, heads, aim, state[None], goal[None], key=key)
+    """Of one state and one goal."""
+    key, (aim,) = jax.random.key(key), objectives(config)
+    pair = state[None], goal[None]
+    result = improve(config, models, models.policy, value, aim, *pair, key=key)
     return jax.tree.map(lambda x: x[0], result)
 
 
@@ -92,7 +89,7 @@ def test_improvement_finds_the_known_best_action(monkeypatch, pessimism):
     config = configured(**FEW, pessimism=pessimism, max_gradient_step=10.0)
     result, _ = scored(monkeypatch, config, known, quadratic, state, goal, key=0)
     np.testing.assert_allclose(result.action, best, atol=2e-3)
-    assert float(result.heads[0]) == pytest.approx(0, abs=1e-3)
+    assert float(result.value) == pytest.approx(0, abs=1e-3)
     # Without gradients, candidates must lie near it by chance.
     config = configured(**MANY, pessimism=pessimism, gradient_step=0.0)
     result, _ = scored(monkeypatch, config, models(linear(0.01)), quadratic, state, goal, key=1)
@@ -110,7 +107,8 @@ def test_improvement_stays_within_the_box(monkeypatch):
 
 def test_random_candidates_fill_the_box():
     config, known = configured(**MANY, gradient_step=0.0), models(linear(0.01))
-    propose = jax.jit(lambda key: policy.propose(config, known, quadratic, B[0], B[1], key=key))
+    from_world = known.dynamics, known.policy, quadratic
+    propose = jax.jit(lambda key: policy.propose(config, *from_world, B[0], B[1], key=key))
     candidates, next_states = propose(jax.random.key(3))
     assert candidates.shape == (2000, 2)
     assert next_states.shape == (2000, 20, 2)
@@ -143,7 +141,7 @@ def test_equal_candidates_share_their_noise_and_so_their_score(monkeypatch):
     assert returns.shape == (80, 5)
     np.testing.assert_array_equal(returns[:40], returns[40:])
     assert np.all(np.diff(returns, axis=1) != 0)  # But the N rollouts differ.
-    assert float(result.heads[0]) == pytest.approx(returns[returns.min(axis=1).argmax()].mean())
+    assert float(result.value) == pytest.approx(returns[returns.min(axis=1).argmax()].mean())
 
 
 def along(slope):
@@ -189,7 +187,7 @@ def test_pessimism_avoids_what_pays_only_on_average(monkeypatch):
         )
         chosen[name] = float(result.action[0])
         best = returns[score(config, jnp.asarray(returns)).argmax()]
-        assert float(result.heads[0]) == pytest.approx(best.mean(), abs=1e-5)
+        assert float(result.value) == pytest.approx(best.mean(), abs=1e-5)
     assert chosen["min"] == pytest.approx(0, abs=0.1)
     assert chosen["percentile"] == pytest.approx(0, abs=0.1)
     assert chosen["median"] > 0.8
@@ -213,4 +211,4 @@ def test_reaching_the_goal_is_what_pays():
     flat = lambda state, goal: jnp.zeros(())  # noqa: E731
     result = improved(config, models(linear(1e-3)), flat, state, state + B @ best, key=7)
     np.testing.assert_allclose(result.action, best, atol=0.15)
-    assert -0.05 < float(result.heads[0]) <= 0
+    assert -0.05 < float(result.value) <= 0

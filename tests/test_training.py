@@ -51,7 +51,7 @@ def idle(on_act: Callable[[int], None] = lambda step: None, loss: float = 1.0) -
         return state._replace(epoch=state.epoch + 1), metrics, Fault(jnp.int32(-1), batch, {})
 
     zeros = jnp.zeros((CONFIG.steps_per_epoch, CONFIG.num_bodies, 2))
-    draws = Draws(zeros, zeros)
+    draws = Draws(zeros, zeros, zeros[..., 0].astype(int))
     batch: Any = None
     return Learner(lambda state: draws, act, lambda state, steps: state, update)
 

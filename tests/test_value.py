@@ -10,9 +10,8 @@ import optax
 import pytest
 
 from everystate.learning.losses import value_loss
-from everystate.learning.models import Models
 from everystate.learning.networks import Value, waves
-from everystate.learning.objectives import objective
+from everystate.learning.objectives import objectives
 from everystate.learning.rewards import closeness, placing
 from everystate.learning.value import lowest, steps
 from everystate.presets import preset
@@ -22,7 +21,7 @@ PLACES = 6
 
 def backup(config, near, value, floor):
     """r + V_targ after one step."""
-    return objective(config, floor).counted(jnp.stack([jnp.zeros(()), near]), value[None])[0]
+    return objectives(config, floor)[0].counted(jnp.stack([jnp.zeros(()), near]), value)
 
 
 def test_components_count_by_what_a_step_changes_them_by() -> None:
@@ -86,13 +85,11 @@ def test_closeness_is_one_at_the_goal_and_falls_with_k():
     assert float(closeness(preset("test", k=100.0), here, there)) == pytest.approx(np.exp(-1))
     assert float(closeness(preset("test", k=10.0), here, there)) == pytest.approx(np.exp(-0.1))
     rational = preset("test", k=10.0, reward_shape="rational")
+    cusp = preset("test", k=100.0, reward_shape="cusp")
+    assert float(closeness(cusp, here, here)) == 1
+    assert float(closeness(cusp, here, there)) == pytest.approx(np.exp(0.1 - np.sqrt(1.01)))
     assert float(closeness(rational, here, here)) == 1
     assert float(closeness(rational, here, there)) == pytest.approx(1 / 1.1)
-
-
-def only(value):
-    """Models of which the value's loss needs the value alone."""
-    return Models(None, None, None, None, value)  # pyright: ignore[reportArgumentType]
 
 
 def test_waves_are_the_sines_and_cosines_they_say() -> None:
@@ -114,7 +111,6 @@ def trained(config, copies, updates):
     The chain: one place to the left, to the right, or none, with walls at both ends.
     """
     value = Value(1, inputs="difference", width=16, depth=2, frequencies=3, key=jax.random.key(0))
-    models = only(value)
     states, goals = (x.ravel() for x in jnp.meshgrid(jnp.arange(6.0), jnp.arange(6.0)))
     adam = optax.adam(config.learning_rate)
 
@@ -122,7 +118,7 @@ def trained(config, copies, updates):
         def after(move):
             next_state, goal_state = scaled(jnp.clip(state + move, 0, PLACES - 1)), scaled(goal)
             near = closeness(config, next_state, goal_state)
-            return backup(config, near, target_value(next_state, goal_state)[0], floor)
+            return backup(config, near, target_value(next_state, goal_state), floor)
 
         return jnp.stack([after(move) for move in (-1, 0, 1)])
 
@@ -136,9 +132,8 @@ def trained(config, copies, updates):
             arrays, optimiser = carry
 
             def loss(arrays):
-                new = models._replace(value=eqx.combine(arrays, static))
-                pairs = scaled(states), scaled(goals)
-                return value_loss(config, objective(config), new, *pairs, targets[:, None])
+                new, pairs = eqx.combine(arrays, static), (scaled(states), scaled(goals))
+                return value_loss(config, objectives(config)[0], new, *pairs, targets)
 
             gradient = jax.grad(loss)(arrays)
             change, optimiser = adam.update(gradient, optimiser)
@@ -178,20 +173,18 @@ def test_the_loss_adds_the_value_at_the_goals():
     config = preset("test", goal_value_weight=0.5)
 
     def value(state, goal):
-        return state[:1] - 2 * goal[:1]
+        return state[0] - 2 * goal[0]
 
-    models = only(value)
     states, goals = jnp.array([[1.0], [3.0]]), jnp.array([[0.0], [2.0]])
-    targets = jnp.array([[0.0], [1.0]])
-    loss = value_loss(config, objective(config), models, states, goals, targets)
+    targets = jnp.array([0.0, 1.0])
+    loss = value_loss(config, objectives(config)[0], value, states, goals, targets)
     errors, at_goals = np.array([1.0, -2.0]), np.array([0.0, -2.0])
     assert float(loss) == pytest.approx((errors**2).mean() + 0.5 * (at_goals**2).mean())
 
 
 def test_relative_errors_count_less_where_there_is_far_to_go():
-    models = only(lambda state, goal: state[:1] - 2 * goal[:1])
     states, goals = jnp.array([[1.0], [-30.0]]), jnp.zeros((2, 1))
     config = preset("test", goal_value_weight=0.0, relative_errors=True)
-    targets = jnp.array([[0.0], [-39.0]])
-    loss = value_loss(config, objective(config), models, states, goals, targets)
+    targets, aim = jnp.array([0.0, -39.0]), objectives(config)[0]
+    loss = value_loss(config, aim, lambda s, g: s[0] - 2 * g[0], states, goals, targets)
     assert float(loss) == pytest.approx((1.0 / (1 + 0) + 81.0 / (1 + 39)) / 2)

@@ -70,7 +70,7 @@ def still() -> Learner:
     zeros = jnp.zeros((CONFIG.steps_per_epoch, CONFIG.num_bodies, 3))
     action = jnp.zeros((CONFIG.num_bodies, 1))
     return idle()._replace(
-        draw=lambda state: Draws(zeros, zeros[..., :1]),
+        draw=lambda state: Draws(zeros, zeros[..., :1], zeros[..., 0].astype(int)),
         act=lambda actor, episodes, draws, observations: (episodes, action),
     )
 

@@ -22,9 +22,9 @@ from everystate.learning.keys import named
 from everystate.learning.losses import gradients
 from everystate.learning.models import Models, Scale, new_models, new_optimisers, step
 from everystate.learning.networks import Value
-from everystate.learning.objectives import objective
+from everystate.learning.objectives import objectives
 from everystate.learning.pairs import paired
-from everystate.learning.policy import Policy, improve
+from everystate.learning.policy import Policy, described, improve
 from everystate.learning.practice import practise
 from everystate.learning.replay import Transitions
 from everystate.learning.sharding import joined, split
@@ -51,8 +51,8 @@ __all__ = [
 class Actor(NamedTuple):
     """What acting needs of an agent, which is little: it goes to wherever the bodies are."""
 
-    policy: Policy
-    value: Value
+    policies: tuple[Policy, ...]
+    values: tuple[Value, ...]
     scale: Scale
 
 
@@ -73,7 +73,7 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
     zero = jnp.zeros((), jnp.int32)
     empty = AgentState(
         models=models,
-        target_value=models.value,
+        target_values=models.values,
         optimisers=new_optimisers(config, models),
         replay=rb.empty(config, state_size, action_size),
         episodes=ep.no_episodes(config, state_size),
@@ -88,7 +88,7 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
 
 def actor_of(state: AgentState) -> Actor:
     """The part that acts."""
-    return Actor(state.models.policy, state.models.value, state.scale)
+    return Actor(state.models.policies, state.models.values, state.scale)
 
 
 def act(
@@ -100,23 +100,25 @@ def act(
 ) -> tuple[ep.Episodes, Float[Array, "bodies a"]]:
     """a ~ pi(s, g) for some bodies, after giving new goals to those whose episode is over.
 
-    Some may wander: they act at random for an epoch [D22].
+    Where there are several objectives, an episode is by one of them [D31]. Some bodies may wander:
+    they act at random for an epoch [D22].
     """
-    states = actor.scale.scaled(observations)
-    aim = objective(config)
+    states, aims = actor.scale.scaled(observations), objectives(config)
 
-    def value(s: Array, g: Array) -> Float[Array, ""]:
-        return aim.worth(aim.read(actor.value(s, g)))
+    def value(s: Array, g: Array, by: Array) -> Float[Array, ""]:
+        every = zip(aims, actor.values, strict=True)
+        return jnp.stack([aim.worth(aim.read(V(s, g))) for aim, V in every])[by]
 
-    values = jax.vmap(value)(states, episodes.goals)
+    values = jax.vmap(value)(states, episodes.goals, episodes.objectives)
     episodes, over = ep.advance(config, episodes, states, values)
-    new_values = jax.vmap(value)(states, draws.goals)
-    episodes = ep.restart(episodes, over, draws.goals, new_values)
+    new_values = jax.vmap(value)(states, draws.goals, draws.objectives)
+    episodes = ep.restart(episodes, over, draws.goals, draws.objectives, new_values)
 
-    def sample(s: Array, g: Array, z: Array) -> Float[Array, " a"]:
-        return jnp.clip(actor.policy.at(s, g, z), -1, 1)
+    def sample(s: Array, g: Array, z: Array, by: Array) -> Float[Array, " a"]:
+        every = [policy.at(s, g, z) for policy in actor.policies]
+        return jnp.clip(jnp.stack(every)[by], -1, 1)
 
-    actions = jax.vmap(sample)(states, episodes.goals, draws.latents)
+    actions = jax.vmap(sample)(states, episodes.goals, draws.latents, episodes.objectives)
     if draws.wanders is not None and draws.anywhere is not None:
         actions = jnp.where(draws.wanders, draws.anywhere, actions)
     return episodes, actions
@@ -163,7 +165,7 @@ def update_once(
     config: Config, state: AgentState, *, key: PRNGKeyArray
 ) -> tuple[AgentState, Metrics, guard.Batch]:
     """The body of Algorithm 1's `for update`, with all models stepping at once [D11]."""
-    models, target, imagines = state.models, state.target_value, state.kept.dynamics
+    models, imagines = state.models, state.kept.dynamics
 
     # (s, g) and (s, a, s') from the buffers; s_c ~ c(s|g) in the place of some s.
     unit = models.dynamics.change_scale
@@ -173,16 +175,20 @@ def update_once(
     minibatch = minibatch._replace(goals=pairs.goals)
 
     # a_best and v_targ for each (s, g), or for the first of them.
-    aim = objective(config, lowest(config, state.copies))
-    improvement = improve(
-        config,
-        models._replace(dynamics=imagines),
-        target,
-        aim,
-        pairs.starts[: config.improved_pairs],
-        pairs.goals[: config.improved_pairs],
-        key=named(key, "improve"),
-    )
+    aims = objectives(config, lowest(config, state.copies))
+    improvements = [
+        improve(
+            config,
+            models._replace(dynamics=imagines),
+            policy,
+            target,
+            aim,
+            pairs.starts[: config.improved_pairs],
+            pairs.goals[: config.improved_pairs],
+            key=named(key, f"improve{aim.suffix}"),
+        )
+        for aim, policy, target in zip(aims, models.policies, state.target_values, strict=True)
+    ]
 
     # A step of f, d, pi, c and V, and more of d.
     gradient, losses = gradients(
@@ -191,9 +197,9 @@ def update_once(
         imagines,
         minibatch,
         pairs.starts,
-        improvement,
-        target,
-        aim,
+        improvements,
+        state.target_values,
+        aims,
         key=named(key, "losses"),
     )
     models, optimisers = step(config, models, gradient, state.optimisers)
@@ -206,16 +212,11 @@ def update_once(
     replay = rb.refresh(config, state.replay, drawn, goal, before + after)
 
     norms = {f"gradient/{n}": optax.tree.norm(getattr(gradient, n)) for n in Models._fields}
-    targets = jax.vmap(aim.worth)(improvement.heads)
     metrics = {f"loss/{name}": loss for name, loss in losses.items()} | norms | practice
-    metrics |= {
-        "value/target": targets.mean(),
-        "value/target_min": targets.min(),
-        "policy/best_from_policy": improvement.from_policy.mean(),
-        "policy/evaluated": improvement.evaluated.mean(),
-        "policy/off_support": improvement.off_support.max(),
-        "curriculum/used": pairs.proposed,
-    }
+    metrics["curriculum/used"] = pairs.proposed
+    for aim, improvement in zip(aims, improvements, strict=True):
+        metrics |= described(aim, improvement)
     state = state._replace(models=models, optimisers=optimisers, replay=replay)
     learned = drawn._replace(goals=pairs.goals)
-    return state, metrics, guard.Batch(learned, pairs.starts, improvement.action, targets)
+    best = jax.tree.map(lambda *x: jnp.concatenate(x), *((i.action, i.value) for i in improvements))
+    return state, metrics, guard.Batch(learned, pairs.starts, *best)

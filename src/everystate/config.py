@@ -12,6 +12,7 @@ from typing import Literal, get_type_hints
 from everystate.errors import EverystateError
 from everystate.limits import RANGES, require_in_range, require_kind
 
+RewardShape = Literal["exponential", "rational", "cusp"]
 FlowFamily = Literal["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
 
 MODEL_COPY = "model_copy"
@@ -55,8 +56,9 @@ class Config:
     reward_space: Literal["latent", "state", "steps"] = "latent"
     """Where |dz| is taken: latent space of f (paper); scaled states, which stay put [D9]; or these
     in units of what a step changes each component by [D27]."""
-    reward_shape: Literal["exponential", "rational"] = "exponential"
-    """exp(-k |dz|^2) (paper), or 1 / (1 + k |dz|^2), which is felt from far away [D21]."""
+    reward_shape: RewardShape = "exponential"
+    """exp(-k |dz|^2) (paper); 1 / (1 + k |dz|^2), which is felt from far away [D21]; or a cusp,
+    exp(-sqrt(k) |dz|), which is felt until the goal is met exactly [D38]."""
 
     # --- Safe improvement (4.3, Algorithm 1) ---
     j: int = 1
@@ -117,9 +119,9 @@ class Config:
     """Share of the pairs (s, g) in which a body at s was on its way to g [D24]."""
 
     # --- Value (4.3) ---
-    objective: Literal["paper-sum", "hit-and-stay"] = "paper-sum"
-    """What V counts: the sum of rewards (paper), or how well and soon a goal is met, and for how
-    long it is held [D31]."""
+    objective: Literal["paper-sum", "hold-and-pass"] = "paper-sum"
+    """What V counts: the sum of rewards (paper); or that, for a policy that holds its goals, and
+    how well and soon a goal is met, for another that passes them [D31]."""
     bound_value: bool = True
     """V_targ is held below 0, and targets are within -(copies + 1) and 0 [D4]."""
     discount: float = 1.0
@@ -256,10 +258,10 @@ class Config:
                 f"own, and imagined_targets = {self.imagined_targets} does not give them all one: "
                 f"set one of the two to 1"
             )
-        if self.objective == "hit-and-stay" and self.imagined_targets < 1:
+        if self.objective == "hold-and-pass" and self.imagined_targets < 1:
             raise EverystateError(
                 f"imagined_targets = {self.imagined_targets} mixes targets of one step into V's, "
-                f"which hit and stay take from whole ways alone: set it to 1"
+                f"which a hit takes from whole ways alone: set it to 1"
             )
         if self.improved_pairs % self.devices:
             raise EverystateError(

@@ -20,7 +20,6 @@ from everystate.agent.performance import Performance
 from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
-from everystate.learning.objectives import objective
 from everystate.learning.planning import Planning
 
 SHIPPED = Path(__file__).parents[1] / "agents"
@@ -93,7 +92,7 @@ class Agent:
             key = jax.random.key(seed)
             actions = compiled.plan(self.config, planning, self.models, states, goals, key)
         else:
-            actions = compiled.act(self.models, states, goals)
+            actions = compiled.act(self.config, self.models, states, goals)
         return _returned(actions, single)
 
     def predict(
@@ -108,7 +107,7 @@ class Agent:
         if deterministic:
             return self.act(observation, goal), None
         states, goals, single = self._pairs(observation, goal)
-        actions = compiled.sample(self.models, states, goals, jax.random.key(seed))
+        actions = compiled.sample(self.config, self.models, states, goals, jax.random.key(seed))
         return _returned(actions, single), None
 
     def perform(self, skill: str, *, plan: bool = False, seed: int = 0) -> Performance:
@@ -129,8 +128,7 @@ class Agent:
     def value(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """V(s, g): what the agent expects on its way, in steps, at most 0 (4.2) [D31]."""
         states, goals, single = self._pairs(observation, goal)
-        heads = compiled.heads(self.config, self.models, states, goals)
-        return _returned(jax.vmap(objective(self.config).worth)(heads), single)
+        return _returned(compiled.values(self.config, self.models, states, goals), single)
 
     def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """About how many control steps each state is from its goal: -V(s, g) (4.2) [D18], [D31].
@@ -139,8 +137,7 @@ class Agent:
         arrived at: from afar the true value is one step less than the distance.
         """
         states, goals, single = self._pairs(observation, goal)
-        heads = compiled.heads(self.config, self.models, states, goals)
-        return _returned(objective(self.config).steps(heads), single)
+        return _returned(compiled.steps(self.config, self.models, states, goals), single)
 
     def log_density(self, state: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """log p_f(s): how much of its life the agent has lately spent around each state.

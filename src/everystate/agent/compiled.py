@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Key, PRNGKeyArray
 from everystate.algorithm import Models
 from everystate.config import Config
 from everystate.learning.goals import imagined, least_likely
-from everystate.learning.objectives import objective
+from everystate.learning.objectives import objectives, pursued
 from everystate.learning.planning import Planning
 from everystate.learning.planning import plan as search
 
@@ -20,27 +20,33 @@ _BATCH = 64  # of searches, whose imagined outcomes must fit into memory
 
 @eqx.filter_jit
 def act(
-    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+    config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
 ) -> Float[Array, "n a"]:
-    """The policy's most central actions (z = 0)."""
+    """The most central actions (z = 0) of the policies by which the goals are pursued."""
 
     def central(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
-        return jnp.clip(models.policy.central(state, goal), -1, 1)
+        every = jnp.stack([policy.central(state, goal) for policy in models.policies])
+        return jnp.clip(every[pursued(config, models.values, goal)], -1, 1)
 
     return jax.vmap(central)(states, goals)
 
 
 @eqx.filter_jit
 def sample(
-    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"], key: PRNGKeyArray
+    config: Config,
+    models: Models,
+    states: Float[Array, "n s"],
+    goals: Float[Array, "n s"],
+    key: PRNGKeyArray,
 ) -> Float[Array, "n a"]:
-    """Actions drawn from the policy."""
+    """Actions drawn from the policies by which the goals are pursued."""
 
     def drawn(
         state: Float[Array, " s"], goal: Float[Array, " s"], key: PRNGKeyArray
     ) -> Float[Array, " a"]:
-        latent = jax.random.normal(key, models.policy(state, goal).shape)
-        return jnp.clip(models.policy.at(state, goal, latent), -1, 1)
+        latent = jax.random.normal(key, models.policies[0](state, goal).shape)
+        every = jnp.stack([policy.at(state, goal, latent) for policy in models.policies])
+        return jnp.clip(every[pursued(config, models.values, goal)], -1, 1)
 
     return jax.vmap(drawn)(states, goals, jax.random.split(key, len(states)))
 
@@ -75,11 +81,26 @@ def propose(m: int, models: Models, keys: Key[Array, " n"]) -> Float[Array, "n s
 
 
 @eqx.filter_jit
-def heads(
+def values(
     config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
-) -> Float[Array, "n heads"]:
-    """What the networks of V say, read as the objective has it."""
-    return jax.vmap(objective(config).read)(jax.vmap(models.value)(states, goals))
+) -> Float[Array, " n"]:
+    """V, in steps, of the objectives by which the goals are pursued."""
+
+    def value(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
+        every = zip(objectives(config), models.values, strict=True)
+        worths = jnp.stack([aim.worth(aim.read(V(state, goal))) for aim, V in every])
+        return worths[pursued(config, models.values, goal)]
+
+    return jax.vmap(value)(states, goals)
+
+
+@eqx.filter_jit
+def steps(
+    config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+) -> Float[Array, " n"]:
+    """Steps to the goals, by the V that knows them best: that of passing, where there is one."""
+    aim = objectives(config)[-1]
+    return aim.steps(jax.vmap(aim.read)(jax.vmap(models.values[-1])(states, goals)))
 
 
 @eqx.filter_jit

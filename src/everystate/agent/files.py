@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 ActWith = Literal["policy", "plan"]
 """What an agent is best driven by: its policy alone, or the search ahead of planning."""
 
-FORMAT = 3
+FORMAT = 4
+SINGLE = 3
+"""The format of agents with one policy and one V, under other names: read still."""
 UNCHECKED = 2
 """The format before checksums and models: read still, with a warning."""
 BODY = "body"
@@ -149,6 +151,8 @@ def read(
         models = skeleton(config, len(body.state_names), body.action_size).models
         arrays = safetensors.numpy.load(content)
         arrays = {n: np.float32(x) if x.dtype == np.float16 else x for n, x in arrays.items()}
+        if description["format"] < FORMAT:
+            arrays = {_renamed(name): x for name, x in arrays.items()}
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
         return models, Scale(**units), config, body, act_with
@@ -167,13 +171,20 @@ def _require_sound(folder: Path, description: Mapping[str, Any]) -> None:
             f" everystate.load({str(folder)!r}).export(NEW_FOLDER)",
             stacklevel=4,
         )
-    if description["format"] != FORMAT:
+    if description["format"] not in (FORMAT, SINGLE):
         raise EverystateError(
             f"the agent in {folder} has format {description['format']} and this everystate "
             f"reads format {FORMAT}: use everystate {description['everystate']}"
         )
     if description["checksum"] != _own_checksum(description):
         raise ValueError("agent.json has another checksum than when it was written")
+
+
+def _renamed(name: str) -> str:
+    """The name of an array of a format before `FORMAT`."""
+    model, _, rest = name.partition(".")
+    model = {"policy": "policies.0", "value": "values.0"}.get(model, model)
+    return f"{model}.{rest}"
 
 
 def _require_same(path: Path, content: bytes, checksum: str) -> None:

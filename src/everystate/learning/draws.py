@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from everystate.config import Config
 from everystate.learning.goals import choose_goals
 from everystate.learning.keys import named
+from everystate.learning.objectives import objectives
 from everystate.learning.state import AgentState
 
 
@@ -19,6 +20,8 @@ class Draws(NamedTuple):
     """Scaled; for those whose episode is over."""
     latents: Float[Array, "*steps bodies a"]
     """z of the actions a = pi_dec(z)."""
+    objectives: Int[Array, "*steps bodies"]
+    """By which of the run's, for those whose episode is over."""
     wanders: Bool[Array, "*steps bodies 1"] | None = None
     """Which bodies act at random in this epoch [D22]; None: nobody ever does."""
     anywhere: Float[Array, "*steps bodies a"] | None = None
@@ -41,9 +44,11 @@ def _of_step(config: Config, state: AgentState, step: Int[Array, ""]) -> Draws:
     action_size = state.replay.transitions.actions.shape[-1]
     key = named(state.key, "act", step)
     keys = jax.random.split(named(key, "actions"), config.num_bodies)
+    count, bodies = len(objectives(config)), (config.num_bodies,)
     draws = Draws(
         goals=choose_goals(config, state.models, state.replay, key=named(key, "goals")),
         latents=jax.vmap(lambda key: jax.random.normal(key, (action_size,)))(keys),
+        objectives=jax.random.randint(named(key, "objectives"), bodies, 0, count, jnp.int32),
     )
     epoch, since = step // config.steps_per_epoch, step // config.wander_steps
     if config.central_share:

@@ -16,6 +16,7 @@ class Episodes(NamedTuple):
     """What each body is up to, and a tally of the episodes that ended in this epoch."""
 
     goals: Float[Array, "bodies s"]  # Scaled.
+    objectives: Int[Array, " bodies"]  # By which of the run's they are pursued.
     best_values: Float[Array, " bodies"]
     steps_since_best: Int[Array, " bodies"]
     lengths: Int[Array, " bodies"]
@@ -28,6 +29,7 @@ def no_episodes(config: Config, state_size: int) -> Episodes:
     bodies = config.num_bodies
     return Episodes(
         goals=jnp.zeros((bodies, state_size)),
+        objectives=jnp.zeros(bodies, jnp.int32),
         best_values=jnp.full(bodies, jnp.inf),  # No value is better: over at once.
         steps_since_best=jnp.full(bodies, config.patience, jnp.int32),
         lengths=jnp.zeros(bodies, jnp.int32),
@@ -81,11 +83,13 @@ def restart(
     episodes: Episodes,
     over: Bool[Array, " bodies"],
     goals: Float[Array, "bodies s"],
+    objectives: Int[Array, " bodies"],
     values: Float[Array, " bodies"],
 ) -> Episodes:
-    """Gives the bodies whose episode is over their new goals, of which V thinks `values`."""
+    """Gives the bodies whose episode is over new goals and objectives, whose V is `values`."""
     return episodes._replace(
         goals=jnp.where(over[:, None], goals, episodes.goals),
+        objectives=jnp.where(over, objectives, episodes.objectives),
         best_values=jnp.where(over, values, episodes.best_values),
         steps_since_best=jnp.where(over, 0, episodes.steps_since_best),
         lengths=jnp.where(over, 1, episodes.lengths),

@@ -54,7 +54,7 @@ def repeated(
         carry: tuple[AgentState, guard.Fault], now: tuple[Int[Array, " n"], Key[Array, " n"]]
     ) -> tuple[tuple[AgentState, guard.Fault], tuple[Metrics, Bool[Array, " n"]]]:
         arrays, fault = carry
-        arrays = arrays._replace(target_value=arrays.models.value, copies=arrays.copies + 1)
+        arrays = arrays._replace(target_values=arrays.models.values, copies=arrays.copies + 1)
         return jax.lax.scan(one, (arrays, fault), now)
 
     begun = arrays, guard.no_fault(config, state.replay.transitions)

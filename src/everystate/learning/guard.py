@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from everystate.config import Config
+from everystate.learning.objectives import objectives
 from everystate.learning.replay import Minibatch, Transitions
 
 
@@ -18,7 +19,7 @@ class Batch(NamedTuple):
     starts: Float[Array, "batch s"]
     """s_i, some replaced by the curriculum."""
     best_actions: Float[Array, "improved a"]
-    """a_best for the first (s_i, g_i), or for all."""
+    """a_best for the first (s_i, g_i), or for all; one objective after the other."""
     targets: Float[Array, " improved"]
     """v_targ for these."""
 
@@ -45,7 +46,7 @@ def no_fault(config: Config, transitions: Transitions) -> Fault:
     slots = jnp.zeros(config.batch_size, jnp.int32)
     drawn = Transitions(*map(row, transitions))
     minibatch = Minibatch(states(), states(), drawn, states(), slots, slots)
-    improved = config.improved_pairs
+    improved = config.improved_pairs * len(objectives(config))
     actions = jnp.zeros((improved, transitions.actions.shape[-1]))
     batch = Batch(minibatch, states(), actions, jnp.zeros(improved))
     return Fault(jnp.full((), -1, jnp.int32), batch, {})

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.learning.flows import decode
 from everystate.learning.objectives import Objective
-from everystate.learning.rewards import closeness, placing
+from everystate.learning.rewards import placing
 
 _FAR = 8.0
 """Scaled units. d has seen nothing like it, and its gradients there have no end."""
@@ -42,8 +42,8 @@ class Imagined(NamedTuple):
 
     climbed: Float[Array, " batch"]
     """Reaching may end no count here, as in planning: so the policy cares for what comes after."""
-    counted: Float[Array, "batch heads"]
-    """What V's heads are before these steps: reaching ends the count as V has it [D10]."""
+    counted: Float[Array, " batch"]
+    """What V is before these steps: reaching ends the count as V has it [D10]."""
 
 
 def imagined_returns(
@@ -77,12 +77,12 @@ def imagined_returns(
             outcomes = models.dynamics(state, within(policy(state, goal)))
             after = decode(outcomes, jax.random.normal(key, outcomes.shape))
             after = jnp.clip(after, -_FAR, _FAR)
-            return after, closeness(config, place(after), place(goal))
+            return after, aim.closeness(place(after), place(goal))
 
         last, near = jax.lax.scan(step, state, jax.random.split(key, steps))
-        near = jnp.concatenate([closeness(config, place(state), place(goal))[None], near])
-        heads = aim.read(target_value(last, goal))
-        return Imagined(aim.climbed(near, heads), aim.counted(near, heads))
+        near = jnp.concatenate([aim.closeness(place(state), place(goal))[None], near])
+        known = aim.read(target_value(last, goal))
+        return Imagined(aim.climbed(near, known), aim.counted(near, known))
 
     place, steps = placing(config, models), config.imagined_steps
     return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states)))

@@ -1,5 +1,7 @@
 """What each model is trained on: the likelihoods and the squared error of Algorithm 1."""
 
+from collections.abc import Callable, Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,8 +15,11 @@ from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
 from everystate.learning.networks import Value
 from everystate.learning.objectives import Objective
-from everystate.learning.policy import Improvement
+from everystate.learning.policy import Improvement, Policy
 from everystate.learning.replay import Minibatch, Transitions
+
+_STILL = 0.1
+"""Of a change, in its sds: below this nothing counts for more in d's error [D37]."""
 
 
 def gradients(
@@ -23,15 +28,15 @@ def gradients(
     imagines: Dynamics,
     minibatch: Minibatch,
     starts: Float[Array, "batch s"],
-    improvement: Improvement,
-    target_value: Value,
-    aim: Objective,
+    improvements: Sequence[Improvement],
+    target_values: Sequence[Value],
+    aims: Sequence[Objective],
     *,
     key: PRNGKeyArray,
 ) -> tuple[Models, dict[str, Float[Array, ""]]]:
     """Gradients of every model's loss on one minibatch, and the losses.
 
-    Each loss reaches only its own model, so the gradient of their sum is all five at once.
+    Each loss reaches only its own model, so the gradient of their sum is all of them at once.
 
     Args:
         config: hyper-parameters.
@@ -39,39 +44,32 @@ def gradients(
         imagines: the d that imagines [D35].
         minibatch: from the replay buffers.
         starts: s_i, some replaced by the curriculum.
-        improvement: a_best and v_targ for the first of the (s_i, g_i), or for all.
-        target_value: V_targ(s, g).
-        aim: what V counts.
+        improvements: a_best and v_targ for the first of the (s_i, g_i), or for all; by objective.
+        target_values: V_targ(s, g), by objective.
+        aims: the objectives.
         key: for the noise floors [D3], and for what is imagined [D25].
     """
-    goals, some = minibatch.goals, slice(len(improvement.action))
+    goals, some = minibatch.goals, slice(len(improvements[0].action))
 
     def noisy(x: Float[Array, "batch n"], name: str, sd: float) -> Float[Array, "batch n"]:
         return x + sd * jax.random.normal(named(key, name), x.shape)
 
-    def total(new: Models) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-        new = eqx.combine(new, models)
-        parts = {
-            "f": -new.state_flow.log_prob(noisy(minibatch.states, "f", config.state_noise)).mean(),
-            "d": dynamics_loss(config, new.dynamics, minibatch.transitions, key=named(key, "d")),
-            "pi": policy_loss(
-                new, starts[some], goals[some], noisy(improvement.action, "pi", sd=action_sd)
-            ),
-            "c": curriculum_loss(
-                new, goals[some], noisy(starts[some], "c", config.state_noise), weights
-            ),
-        }
-        targets = improvement.heads
+    def of_objective(new: Models, number: int) -> dict[str, Float[Array, ""]]:
+        """What pi and V of one objective are trained on."""
+        aim, improvement, policy = aims[number], improvements[number], new.policies[number]
+        actions = noisy(improvement.action, f"pi{aim.suffix}", sd=config.action_noise)
+        parts = {"pi": policy_loss(policy, starts[some], goals[some], actions)}
+        targets = improvement.value
         if config.imagined_weight or config.imagined_targets:
             imagined = imagined_returns(
                 config,
                 models._replace(dynamics=imagines),
-                new.policy.central,
-                target_value,
+                policy.central,
+                target_values[number],
                 aim,
                 starts,
                 goals,
-                key=named(key, "imagined"),
+                key=named(key, f"imagined{aim.suffix}"),
             )
             parts["imagined"] = -config.imagined_weight * imagined.climbed.mean()
             counted = jax.lax.stop_gradient(imagined.counted)
@@ -79,21 +77,30 @@ def gradients(
                 targets = counted
             else:
                 targets += config.imagined_targets * (counted - targets)
-        parts["V"] = value_loss(config, aim, new, starts, goals, targets)
+        parts["V"] = value_loss(config, aim, new.values[number], starts, goals, targets)
         if config.hindsight:
             t = minibatch.transitions
+            actions = noisy(t.actions, f"hindsight{aim.suffix}", sd=config.action_noise)
             parts["hindsight"] = policy_loss(
-                new,
-                t.observations,
-                minibatch.hindsight_goals,
-                noisy(t.actions, "hindsight", sd=action_sd),
+                policy, t.observations, minibatch.hindsight_goals, actions
             )
+        return {f"{name}{aim.suffix}": loss for name, loss in parts.items()}
+
+    def total(new: Models) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+        new = eqx.combine(new, models)
+        parts = {
+            "f": -new.state_flow.log_prob(noisy(minibatch.states, "f", config.state_noise)).mean(),
+            "d": dynamics_loss(config, new.dynamics, minibatch.transitions, key=named(key, "d")),
+            "c": curriculum_loss(
+                new, goals[some], noisy(starts[some], "c", config.state_noise), weights
+            ),
+        }
+        for number in range(len(aims)):
+            parts |= of_objective(new, number)
         return jnp.stack(list(parts.values())).sum(), parts
 
-    action_sd = config.action_noise
-    worth = jax.vmap(aim.worth)
-    wanted = worth(improvement.heads)
-    errors = (worth(jax.vmap(aim.read)(values(models, starts[some], goals[some]))) - wanted) ** 2
+    wanted = improvements[0].value
+    errors = (values(models.values[0], starts[some], goals[some]) - wanted) ** 2
     weights = curriculum_weights(config, errors, wanted)
     (_, parts), gradient = jax.value_and_grad(total, has_aux=True)(trainable(models))
     return gradient, parts
@@ -104,23 +111,32 @@ def dynamics_loss(
 ) -> Float[Array, ""]:
     """Minus the mean log d(s'|s, a), with noise of `dynamics_noise` sds of the change on s'.
 
-    And the squared error of its centre, in those sds [D28], [D36].
+    And the squared error of its centre, in those sds [D28]. If that is a network of its own [D36],
+    it counts by how much changes, and is that of s' without noise: where a body is all but still,
+    as near a goal that it holds, an error of a hundredth has the policy lean against it [D37].
     """
     noise = config.dynamics_noise * jax.random.normal(key, t.observations.shape)
     reached = t.next_observations + noise * jnp.broadcast_to(dynamics.scale, noise.shape)
 
-    def of_one(s: Array, a: Array, s_next: Array) -> Float[Array, ""]:
-        loss = -dynamics.fitted(s, a).log_prob(s_next)
-        if config.centre_weight:
-            error = (dynamics.central(s, a) - s_next) / dynamics.scale
-            loss += config.centre_weight * jnp.sum(error**2)
-        return loss
+    def of_one(s: Array, a: Array, s_next: Array, s_noisy: Array) -> Float[Array, ""]:
+        loss = -dynamics.fitted(s, a).log_prob(s_noisy)
+        if not config.centre_weight:
+            return loss
+        centre = dynamics.central(s, a)
+        if not config.centres:
+            return loss + config.centre_weight * _square(centre - s_noisy)
+        change = jax.lax.stop_gradient(centre - s)
+        weight = config.centre_weight / (_STILL**2 + _square(change) / s.size)
+        return loss + weight * _square(centre - s_next)
 
-    return jax.vmap(of_one)(t.observations, t.actions, reached).mean()
+    def _square(apart: Float[Array, " s"]) -> Float[Array, ""]:
+        return jnp.sum((apart / dynamics.scale) ** 2)
+
+    return jax.vmap(of_one)(t.observations, t.actions, t.next_observations, reached).mean()
 
 
 def policy_loss(
-    models: Models,
+    policy: Policy,
     states: Float[Array, "batch s"],
     goals: Float[Array, "batch s"],
     actions: Float[Array, "batch a"],
@@ -128,7 +144,7 @@ def policy_loss(
     """Minus the mean log pi(a|s, g)."""
 
     def log_prob(s: Array, g: Array, a: Array) -> Float[Array, ""]:
-        return models.policy.fitted(s, g).log_prob(a)
+        return policy.fitted(s, g).log_prob(a)
 
     return -jax.vmap(log_prob)(states, goals, actions).mean()
 
@@ -145,22 +161,22 @@ def curriculum_loss(
 
 
 def values(
-    models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
-) -> Float[Array, "n heads"]:
+    value: Callable, states: Float[Array, "n s"], goals: Float[Array, "n s"]
+) -> Float[Array, " n"]:
     """V's outputs."""
-    return jax.vmap(models.value)(states, goals)
+    return jax.vmap(value)(states, goals)
 
 
 def value_loss(
     config: Config,
     aim: Objective,
-    models: Models,
+    value: Callable,
     states: Float[Array, "batch s"],
     goals: Float[Array, "batch s"],
-    targets: Float[Array, "batch heads"],
+    targets: Float[Array, " batch"],
 ) -> Float[Array, ""]:
     """Mean of (V(s, g) - v_targ)^2 + V(g, g)^2 (Algorithm 1), or what `aim` has in its place."""
-    loss = jnp.mean(aim.errors(values(models, states, goals), targets))
+    loss = jnp.mean(aim.errors(values(value, states, goals), targets))
     if config.goal_value_weight:
-        loss += config.goal_value_weight * jnp.mean(values(models, goals, goals) ** 2)
+        loss += config.goal_value_weight * jnp.mean(values(value, goals, goals) ** 2)
     return loss

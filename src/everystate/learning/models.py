@@ -1,4 +1,4 @@
-"""The five models of Algorithm 1, built together and stepped together."""
+"""The models of Algorithm 1, built together and stepped together."""
 
 import math
 from functools import partial
@@ -15,18 +15,21 @@ from everystate.learning.dynamics import Dynamics
 from everystate.learning.flows import Centred, Conditional, conditional_flow, state_flow
 from everystate.learning.keys import named
 from everystate.learning.networks import GoalInputs, Value
-from everystate.learning.objectives import objective
+from everystate.learning.objectives import objectives
 from everystate.learning.policy import Policy
 
 
 class Models(NamedTuple):
-    """f(s), d(s'|s,a), pi(a|s,g), c(s|g) and V(s,g), all in scaled units."""
+    """f(s), d(s'|s,a), pi(a|s,g), c(s|g) and V(s,g), all in scaled units.
+
+    pi and V are as many as the run has objectives.
+    """
 
     state_flow: AbstractTransformed
     dynamics: Dynamics
-    policy: Policy
+    policies: tuple[Policy, ...]
     curriculum: Conditional
-    value: Value
+    values: tuple[Value, ...]
 
 
 class Scale(NamedTuple):
@@ -71,7 +74,7 @@ def new_models(
             return flow
         return Centred(size, condition_size, flow, key=named(key, f"{name} centre"), **network)
 
-    inputs = goal_inputs(config)
+    inputs, aims = goal_inputs(config), objectives(config)
     seen = (3 if inputs == "both" else 2) * state_size
     return Models(
         state_flow=state_flow(
@@ -86,14 +89,14 @@ def new_models(
             centred("d", state_size, state_size + action_size, config.dynamics_layers),
             change_scale,
         ),
-        policy=Policy(centred("pi", action_size, seen, config.policy_layers), inputs),
+        policies=tuple(
+            Policy(centred(f"pi{aim.suffix}", action_size, seen, config.policy_layers), inputs)
+            for aim in aims
+        ),
         curriculum=conditional("c", state_size, state_size, config.curriculum_layers),
-        value=Value(
-            state_size,
-            inputs=inputs,
-            heads=objective(config).heads,
-            key=named(key, "V"),
-            **network,
+        values=tuple(
+            Value(state_size, inputs=inputs, key=named(key, f"V{aim.suffix}"), **network)
+            for aim in aims
         ),
     )
 

@@ -98,17 +98,14 @@ class Value(eqx.Module):
         state_size: int,
         *,
         inputs: GoalInputs,
-        heads: int = 1,
         key: PRNGKeyArray,
         **network: int,
     ) -> None:
         """An untrained value of states and goals with `state_size` components."""
         seen = (3 if inputs == "both" else 2) * state_size
-        self.network = Network(seen, heads, key=key, **network)
+        self.network = Network(seen, 1, key=key, **network)
         self.inputs = inputs
 
-    def __call__(
-        self, state: Float[Array, " s"], goal: Float[Array, " s"]
-    ) -> Float[Array, " heads"]:
-        """The outputs for one state and one goal, both scaled."""
-        return self.network(with_goal(state, goal, self.inputs))
+    def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
+        """The output for one state and one goal, both scaled."""
+        return self.network(with_goal(state, goal, self.inputs))[0]

@@ -1,45 +1,49 @@
-"""What V counts, and what is climbed by it: the paper's sum of rewards, or hit and stay.
+"""What a policy and its V are learned for: the paper's sum of rewards, or one hit.
 
-V is a network with one output per count, here called heads. An objective says what these are, what
-a way makes of them, which single number of them is climbed, how they are fitted, and how many steps
-they amount to. A way of n steps is given by the closeness h of its n + 1 states to the goal, that
-of where it begins included.
+An objective says how near a state is to a goal, what V counts along a way, what of it the policy
+climbs, how V is fitted, and how many steps a value amounts to. A way of n steps is given by the
+closeness h of its n + 1 states to the goal, that of where it begins included. A run learns a policy
+and a V for each of its `objectives`.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from everystate.config import Config
-from everystate.learning import value
+from everystate.learning import rewards, value
 
-Heads = Float[Array, " heads"]
 Way = Float[Array, " states"]
 NO_FLOOR = -jnp.inf
 """For V itself, which is held by nothing."""
 
 
 class PaperSum(NamedTuple):
-    """One head, V: the sum of rewards -1 + h on the way (4.2, eq. 2), h being the closeness."""
+    """The sum of rewards -1 + h on the way (4.2, eq. 2): it asks to be near, and to stay so."""
 
     config: Config
     floor: Float[Array, ""] | float = NO_FLOOR
     """Lowest value that V_targ can have [D4]."""
 
-    @property
-    def heads(self) -> int:
-        """How many outputs V has."""
-        return 1
+    suffix = ""
+    """Of the names of its losses and random keys."""
 
-    def read(self, outputs: Heads) -> Heads:
-        """The heads, from the network's outputs."""
-        return outputs
+    def closeness(
+        self, place: Float[Array, " s"], place_goal: Float[Array, " s"]
+    ) -> Float[Array, ""]:
+        """h, in [0, 1]."""
+        return rewards.closeness(self.config, place, place_goal)
 
-    def counted(self, near: Way, last: Heads) -> Heads:
-        """The heads where a way begins, from those where it ends: r + V_targ, what V is fitted to.
+    def read(self, output: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """V, from the network's output."""
+        return output
+
+    def counted(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
+        """V where a way begins, from V_targ where it ends: r + V_targ, what V is fitted to.
 
         `bound_value` holds V_targ within [floor, 0], the values it can truly have [D4]. It does so
         here rather than in the network: an output through softplus, once at 0, stayed there.
@@ -49,97 +53,110 @@ class PaperSum(NamedTuple):
             total = near[step] - 1 + value.remaining(self.config, near[step]) * total
         return total
 
-    def climbed(self, near: Way, last: Heads) -> Float[Array, ""]:
+    def climbed(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
         """What the policy makes large over a way: reaching may end no count [D25]."""
         if self.config.imagined_absorb:
-            return self.worth(self.counted(near, last))
-        held = value.bounded(self.config, last, jnp.asarray(self.floor))
-        return self.ahead(near, held)
+            return self.counted(near, last)
+        return self.ahead(near, value.bounded(self.config, last, jnp.asarray(self.floor)))
 
-    def ahead(self, near: Way, last: Heads) -> Float[Array, ""]:
+    def ahead(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
         """What a search makes large over a way: reaching ends no count here [D10]."""
-        total = last[0]
+        total = last
         for step in reversed(range(1, len(near))):
             total = near[step] - 1 + self.config.discount * total
         return total
 
-    def worth(self, heads: Heads) -> Float[Array, ""]:
-        """One number to choose by, in steps and at most 0."""
-        return heads[0]
+    def worth(self, known: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """V in steps, at most 0."""
+        return known
 
     def errors(
-        self, outputs: Float[Array, "n heads"], targets: Float[Array, "n heads"]
+        self, outputs: Float[Array, " n"], targets: Float[Array, " n"]
     ) -> Float[Array, " n"]:
         """(V - v_targ)^2 (Algorithm 1), also per unit of 1 + |v_targ| [D29]."""
         squares = (outputs - targets) ** 2
-        if self.config.relative_errors:
-            squares /= 1 + jnp.abs(targets)
-        return squares[:, 0]
+        return squares / (1 + jnp.abs(targets)) if self.config.relative_errors else squares
 
-    def steps(self, heads: Float[Array, "n heads"]) -> Float[Array, " n"]:
+    def steps(self, known: Float[Array, " n"]) -> Float[Array, " n"]:
         """How many steps there are to the goal."""
-        return value.steps(self.config, heads[:, 0])
+        return value.steps(self.config, known)
 
 
-class HitAndStay(NamedTuple):
-    """Two heads in [0, 1]: how well and soon a goal is met, and for how long it is held [D31].
+class Hit(NamedTuple):
+    """The largest gamma^t h_t from now on: how well and how soon a goal is met [D31].
 
-    Hit: the largest gamma^t h_t from now on, which is the value of stopping when it is best, with
-    the closeness h as payoff: 1 at the goal, as V(s, s) = 0 has it (eq. 2). What comes after counts
-    for nothing: so it asks for goals in motion, and for nothing more where one is met.
-    Stay: the mean of h over time, with weights gamma^t: so it asks for rest where that is possible.
+    That is the value of stopping when it is best, with the closeness h as payoff: 1 at the goal, as
+    V(s, s) = 0 has it (eq. 2). What comes after counts for nothing: so it asks for goals in motion,
+    and for nothing more where one is met.
     """
 
     config: Config
 
-    @property
-    def heads(self) -> int:
-        """How many outputs V has."""
-        return 2
+    suffix = "_pass"
+    """Of the names of its losses and random keys."""
 
-    def read(self, outputs: Heads) -> Heads:
-        """The heads, from the network's outputs: at first nearly 0, as nothing is known to lead."""
-        return jax.nn.sigmoid(outputs + _FIRST_LOGIT)
+    def closeness(
+        self, place: Float[Array, " s"], place_goal: Float[Array, " s"]
+    ) -> Float[Array, ""]:
+        """h, in [0, 1]: flat at the goal itself, so that near enough is met."""
+        return rewards.closeness(self.config, place, place_goal, "exponential")
 
-    def counted(self, near: Way, last: Heads) -> Heads:
-        """The heads where a way begins, from those where it ends: what V is fitted to."""
-        discount = self.config.discount
-        hit, stay = jnp.maximum(near[-1], last[0]), last[1]
-        for step in reversed(range(1, len(near))):
-            hit = jnp.maximum(near[step - 1], discount * hit)
-            stay = (1 - discount) * near[step] + discount * stay
-        return jnp.stack([hit, stay])
+    def read(self, output: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """V in [0, 1], from the network's output: nearly 0 at first, as nothing leads there yet."""
+        return jax.nn.sigmoid(output + _FIRST_LOGIT)
 
-    def climbed(self, near: Way, last: Heads) -> Float[Array, ""]:
+    def counted(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
+        """V where a way begins, from V_targ where it ends: what V is fitted to."""
+        hit = jnp.maximum(near[-1], last)
+        for step in reversed(range(len(near) - 1)):
+            hit = jnp.maximum(near[step], self.config.discount * hit)
+        return hit
+
+    def climbed(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
         """What the policy makes large over a way."""
         return self.worth(self.counted(near, last))
 
-    def ahead(self, near: Way, last: Heads) -> Float[Array, ""]:
+    def ahead(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
         """What a search makes large over a way."""
         return self.climbed(near, last)
 
-    def worth(self, heads: Heads) -> Float[Array, ""]:
-        """One number to choose by, in steps and at most 0: both alike."""
-        return (heads.sum() - 2) / (1 - self.config.discount)
+    def worth(self, known: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """V in steps, at most 0, so that it weighs as much as the paper's sum."""
+        return (known - 1) / (1 - self.config.discount)
 
     def errors(
-        self, outputs: Float[Array, "n heads"], targets: Float[Array, "n heads"]
+        self, outputs: Float[Array, " n"], targets: Float[Array, " n"]
     ) -> Float[Array, " n"]:
         """Cross-entropy less the entropy of the targets, so that 0 is perfect."""
-        outputs += _FIRST_LOGIT
-        known = jnp.clip(targets, 1e-6, 1 - 1e-6)
+        logits, known = outputs + _FIRST_LOGIT, jnp.clip(targets, 1e-6, 1 - 1e-6)
         least = -known * jnp.log(known) - (1 - known) * jnp.log1p(-known)
-        return (optax.sigmoid_binary_cross_entropy(outputs, targets) - least).sum(axis=1)
+        return optax.sigmoid_binary_cross_entropy(logits, targets) - least
 
-    def steps(self, heads: Float[Array, "n heads"]) -> Float[Array, " n"]:
+    def steps(self, known: Float[Array, " n"]) -> Float[Array, " n"]:
         """How many steps there are to the goal: log hit / log gamma."""
-        return jnp.log(jnp.maximum(heads[:, 0], 1e-4)) / jnp.log(self.config.discount)
+        return jnp.log(jnp.maximum(known, 1e-4)) / jnp.log(self.config.discount)
 
 
-Objective = PaperSum | HitAndStay
+Objective = PaperSum | Hit
+HOLD, PASS = 0, 1
+"""Which of the objectives is which, where there are both."""
 _FIRST_LOGIT = -4.0
+_HELD = 0.05
 
 
-def objective(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> Objective:
-    """That of a config; `floor` as in `PaperSum`."""
-    return HitAndStay(config) if config.objective == "hit-and-stay" else PaperSum(config, floor)
+def objectives(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> tuple[Objective, ...]:
+    """Those of a config; `floor` as in `PaperSum`."""
+    held = PaperSum(config, floor)
+    return (held, Hit(config)) if config.objective == "hold-and-pass" else (held,)
+
+
+def pursued(config: Config, values: Sequence[Callable], goal: Float[Array, " s"]) -> Int[Array, ""]:
+    """By which of its objectives an agent goes for a goal: to hold what can be held, or to pass.
+
+    A goal can be held if it costs little to be sent there from there: V(g, g) of the sum, which
+    goes from 0, for nothing lost at any time, to -1 / (1 - gamma), for all of it.
+    """
+    if len(values) == 1:
+        return jnp.zeros((), jnp.int32)
+    can: Bool[Array, ""] = values[HOLD](goal, goal) >= -_HELD / (1 - config.discount)
+    return jnp.where(can, jnp.int32(HOLD), jnp.int32(PASS))

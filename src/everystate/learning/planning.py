@@ -1,7 +1,6 @@
 """Planning at act time through the learned dynamics and value (4.2), a few steps ahead."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,9 +9,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
-from everystate.learning.objectives import objective
-from everystate.learning.policy import score
-from everystate.learning.rewards import closeness, placing
+from everystate.learning.models import Models
+from everystate.learning.networks import Value
+from everystate.learning.objectives import Objective, objectives, pursued
+from everystate.learning.policy import Policy, score
+from everystate.learning.rewards import placing
 
 _LEAST_SPREAD = 0.05  # of refined actions, so that equal elites do not end the search
 
@@ -47,7 +48,7 @@ class Planning:
 def plan(
     config: Config,
     planning: Planning,
-    models: Any,
+    models: Models,
     state: Float[Array, " s"],
     goal: Float[Array, " s"],
     *,
@@ -59,19 +60,35 @@ def plan(
     at z = 0; half are uniformly random. Later rounds refine them by the cross-entropy method
     (Rubinstein 1999). A sequence is worth the worst of its imagined returns (eq. 3): the rewards
     on the way and V at its end. Reaching ends no count here [D10]: once at the goal one stays, if
-    one can. All sequences share the same noises.
+    one can. All sequences share the same noises. Of several objectives that counts by which the
+    goal is pursued [D31].
     """
+    every = zip(objectives(config), models.policies, models.values, strict=True)
+    found = [_search(config, planning, models, *one, state, goal, key) for one in every]
+    return jnp.stack(found)[pursued(config, models.values, goal)]
+
+
+def _search(
+    config: Config,
+    planning: Planning,
+    models: Models,
+    aim: Objective,
+    policy: Policy,
+    value: Value,
+    state: Float[Array, " s"],
+    goal: Float[Array, " s"],
+    key: PRNGKeyArray,
+) -> Float[Array, " a"]:
     key_noise, key_policy, key_random, *keys = jax.random.split(key, 2 + planning.rounds)
     place = placing(config, models)
-    place_goal, aim = place(goal), objective(config)
+    place_goal = place(goal)
     noises = jax.random.normal(key_noise, (planning.rollouts, planning.horizon, state.size))
 
     def follow(latents: Float[Array, "horizon a"]) -> Float[Array, "horizon a"]:
         """What the policy would do where the dynamics, without noise, say that it leads."""
 
         def one(s: Array, latent: Array) -> tuple[Array, Array]:
-            policy = models.policy(s, goal)
-            action = jnp.clip(decode(policy, latent), -1, 1)
+            action = jnp.clip(decode(policy(s, goal), latent), -1, 1)
             return models.dynamics.central(s, action), action
 
         return jax.lax.scan(one, state, latents)[1]
@@ -81,15 +98,15 @@ def plan(
             def one(s: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
                 action, latent = step
                 after = decode(models.dynamics(s, action), latent)
-                return after, closeness(config, place(after), place_goal)
+                return after, aim.closeness(place(after), place_goal)
 
             last, near = jax.lax.scan(one, state, (actions, noise))
-            near = jnp.concatenate([closeness(config, place(state), place_goal)[None], near])
-            return aim.ahead(near, aim.read(models.value(last, goal)))
+            near = jnp.concatenate([aim.closeness(place(state), place_goal)[None], near])
+            return aim.ahead(near, aim.read(value(last, goal)))
 
         return score(config, jax.vmap(outcome)(noises))
 
-    shape = models.policy(state, goal).shape
+    shape = policy(state, goal).shape
     half = planning.candidates // 2
     latents = jax.random.normal(key_policy, (half, planning.horizon, *shape)).at[0].set(0.0)
     wild_shape = (planning.candidates - half, planning.horizon, *shape)

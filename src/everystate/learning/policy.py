@@ -14,7 +14,7 @@ from everystate.config import Config
 from everystate.learning.flows import Centred, Conditional, decode
 from everystate.learning.networks import GoalInputs, with_goal
 from everystate.learning.objectives import Objective
-from everystate.learning.rewards import closeness, placing
+from everystate.learning.rewards import placing
 from everystate.learning.search import best_worst_case, blocked
 from everystate.learning.sharding import on_each_device
 
@@ -52,7 +52,7 @@ class Improvement(NamedTuple):
 
     action: Float[Array, "batch a"]
     """a_best, in [-1, 1]."""
-    heads: Float[Array, "batch heads"]
+    value: Float[Array, " batch"]
     """v_targ: mean of r + V_targ over the N rollouts of a_best."""
     from_policy: Float[Array, " batch"]
     """1 where a_best started from a policy sample rather than a random action."""
@@ -60,6 +60,19 @@ class Improvement(NamedTuple):
     """Largest |component| of the imagined next states, in scaled units."""
     evaluated: Float[Array, " batch"]
     """Share of all returns that had to be evaluated to find a_best."""
+
+
+def described(aim: Objective, found: Improvement) -> dict[str, Float[Array, ""]]:
+    """What is logged of it."""
+    targets = aim.worth(found.value)
+    metrics = {
+        "value/target": targets.mean(),
+        "value/target_min": targets.min(),
+        "policy/best_from_policy": found.from_policy.mean(),
+        "policy/evaluated": found.evaluated.mean(),
+        "policy/off_support": found.off_support.max(),
+    }
+    return {f"{name}{aim.suffix}": x for name, x in metrics.items()}
 
 
 def score(config: Config, returns: Float[Array, "*candidates N"]) -> Float[Array, "*candidates"]:
@@ -77,6 +90,7 @@ def score(config: Config, returns: Float[Array, "*candidates N"]) -> Float[Array
 def improve(
     config: Config,
     models: Any,
+    policy: Callable,
     target_value: Callable,
     aim: Objective,
     states: Float[Array, "batch s"],
@@ -88,7 +102,8 @@ def improve(
 
     Args:
         config: hyper-parameters j, N, k, pessimism, ...
-        models: anything with `state_flow`, `dynamics` and `policy`, as in `Models`.
+        models: anything with `state_flow` and `dynamics`, as in `Models`.
+        policy: pi(a|s, g).
         target_value: V_targ(s, g).
         aim: what V counts.
         states: s, scaled.
@@ -96,32 +111,28 @@ def improve(
         key: random key.
     """
     keys = jax.random.split(key, states.shape[0])
-    known = models, target_value, aim
+    known = models, policy, target_value, aim
     return on_each_device(config, partial(_improve, config), known, states, goals, keys)
 
 
 def _improve(
     config: Config,
-    known: tuple[Any, Callable, Objective],
+    known: tuple[Any, Callable, Callable, Objective],
     states: Float[Array, "pairs s"],
     goals: Float[Array, "pairs s"],
     keys: Key[Array, " pairs"],
 ) -> Improvement:
     """`improve` of some of the (s, g), given the models, V_targ and what it counts."""
-    models, target_value, aim = known
+    models, policy, target_value, aim = known
     place = placing(config, models)
 
-    def heads(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " heads"]:
-        """What comes of an action: how near s is already, which is not its doing, is left out."""
-        way = jnp.stack([jnp.zeros(()), closeness(config, place(next_state), place(goal))])
+    def returns(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
+        """r + V_targ(s', g), without how near s is already, which is not the action's doing."""
+        way = jnp.stack([jnp.zeros(()), aim.closeness(place(next_state), place(goal))])
         return aim.counted(way, aim.read(target_value(next_state, goal)))
 
-    def returns(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
-        """r + V_targ(s', g)."""
-        return aim.worth(heads(next_state, goal))
-
     def proposed(s: Array, g: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
-        return propose(config, models, returns, s, g, key=key)
+        return propose(config, models.dynamics, policy, returns, s, g, key=key)
 
     candidates, next_states = jax.vmap(proposed)(states, goals, keys)
     evaluate = blocked(returns)
@@ -133,14 +144,10 @@ def _improve(
         outcomes = outcomes.reshape(next_states.shape[:3])
         best = score(config, outcomes).argmax(axis=1)
         value, evaluated = outcomes[every, best].mean(axis=1), jnp.ones(len(states))
-    found = value[:, None]
-    if aim.heads > 1:
-        each = jax.vmap(jax.vmap(heads, in_axes=(0, None)))
-        found = each(next_states[every, best], goals).mean(axis=1)
     is_policy = (best % (2 * config.j)) < config.j
     return Improvement(
         candidates[every, best],
-        found,
+        value,
         is_policy.astype(states.dtype),
         jnp.abs(next_states).max(axis=(1, 2, 3)),
         evaluated,
@@ -149,7 +156,8 @@ def _improve(
 
 def propose(
     config: Config,
-    models: Any,
+    dynamics: Callable,
+    policy: Callable,
     returns: Callable,
     state: Float[Array, " s"],
     goal: Float[Array, " s"],
@@ -164,11 +172,11 @@ def propose(
     key_policy, key_random, key_step, key_rollouts, key_sensor = jax.random.split(key, 5)
 
     def outcome(action: Float[Array, " a"], latent: Float[Array, " s"]) -> Float[Array, ""]:
-        return returns(decode(models.dynamics(state, action), latent), goal)
+        return returns(decode(dynamics(state, action), latent), goal)
 
-    policy = models.policy(state, goal)
-    latents = jax.random.normal(key_policy, (config.j, *policy.shape))
-    from_policy = jnp.clip(jax.vmap(lambda z: decode(policy, z))(latents), -1, 1)
+    actions = policy(state, goal)
+    latents = jax.random.normal(key_policy, (config.j, *actions.shape))
+    from_policy = jnp.clip(jax.vmap(lambda z: decode(actions, z))(latents), -1, 1)
     at_random = jax.random.uniform(key_random, from_policy.shape, minval=-1, maxval=1)
     started = jnp.concatenate([from_policy, at_random])
     step_latents = jax.random.normal(key_step, (2 * config.j, state.size))
@@ -180,8 +188,8 @@ def propose(
     rollouts = jax.random.normal(key_rollouts, (config.N, state.size))
 
     def imagined(action: Float[Array, " a"]) -> Float[Array, "N s"]:
-        dynamics = models.dynamics(state, action)
-        return jax.vmap(lambda z: decode(dynamics, z))(rollouts)
+        outcomes = dynamics(state, action)
+        return jax.vmap(lambda z: decode(outcomes, z))(rollouts)
 
     next_states = jax.vmap(imagined)(candidates)
     if config.sensor_noise:

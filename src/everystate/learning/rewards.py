@@ -7,10 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from everystate.config import Config
+from everystate.config import Config, RewardShape
 from everystate.learning.flows import encode, frozen
 
 Place = Callable[[Float[Array, " s"]], Float[Array, " s"]]
+_ROUNDED = 0.1
 
 
 def placing(config: Config, models: Any) -> Place:
@@ -34,14 +35,24 @@ def placing(config: Config, models: Any) -> Place:
 
 
 def closeness(
-    config: Config, place_next: Float[Array, " s"], place_goal: Float[Array, " s"]
+    config: Config,
+    place_next: Float[Array, " s"],
+    place_goal: Float[Array, " s"],
+    shape: RewardShape | None = None,
 ) -> Float[Array, ""]:
     """exp(-k |f_enc(s') - f_enc(g)|^2), in [0, 1]; the reward is this minus one (4.2).
 
     In many dimensions that is 0 practically everywhere, unless k falls with their number [D34]; the
-    rational shape is not [D21].
+    rational shape is not [D21], and the cusp has a slope up to the goal [D38]. Which of them is
+    `reward_shape`, unless `shape` says another.
     """
     width = config.kernel_width
     k = 1 / (place_goal.size * width**2) if width else config.k
     square = k * jnp.sum((place_next - place_goal) ** 2)
-    return 1 / (1 + square) if config.reward_shape == "rational" else jnp.exp(-square)
+    match shape or config.reward_shape:
+        case "rational":
+            return 1 / (1 + square)
+        case "cusp":  # Rounded, as a slope that turns about at once is no slope at all.
+            return jnp.exp(_ROUNDED - jnp.sqrt(square + _ROUNDED**2))
+        case "exponential":
+            return jnp.exp(-square)

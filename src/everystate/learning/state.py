@@ -15,7 +15,7 @@ class AgentState(NamedTuple):
     """All that training changes."""
 
     models: Models
-    target_value: Value
+    target_values: tuple[Value, ...]
     optimisers: tuple[optax.OptState, ...]  # One per model.
     replay: Replay
     episodes: Episodes

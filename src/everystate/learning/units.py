@@ -12,6 +12,8 @@ from everystate.learning.state import AgentState
 
 _ROUNDING = 1e-6
 _DRAWN = 4096
+_SETTLING = 5.0
+"""Epochs after which a unit grows by no more than an eighth of itself."""
 
 
 def of_warm_up(states: Float[Array, "steps bodies s"]) -> Scale:
@@ -27,14 +29,15 @@ def grown(
     """The same in units that have followed what was visited.
 
     Each unit grows to the spread of goals drawn from the buffer, which weighs what is rarely
-    visited more, but after n epochs by no more than 1 / n of itself; none ever shrinks. So they are
-    where they belong within a few epochs, and then move so little that the networks, which are left
-    as they are, follow. The centre moves to the mean by the same share. All else that is kept in
-    units moves with them.
+    visited more, but after n epochs by no more than (1 + n / 5)^-3 of itself; none ever shrinks. So
+    they are where they belong within a few epochs and then settle, as the networks are left as
+    they are and have to follow: averages of weights that lag behind units are wrong by as much as
+    these have moved. The centre moves to the mean by the same share. All else that is kept in units
+    moves with them.
     """
     seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
     spread = jnp.std(seen, axis=0)
-    share = 1 / (1 + state.epoch.astype(jnp.float32))
+    share = (1 + state.epoch.astype(jnp.float32) / _SETTLING) ** -3
     factor = jnp.clip(spread, 1.0, 1 + share)
     shift = share / (1 + share) * jnp.mean(seen, axis=0)
 
