@@ -83,7 +83,7 @@ def test_units_double_at_most_at_first_and_hardly_move_late():
 def test_units_fit_a_body_that_moves_ten_times_as_far_as_it_seemed_to():
     after = followed(algorithm.observe(CONFIG, begun(), walk(10.0)), 50)
     states = after.replay.transitions.next_observations[: int(after.replay.size)]
-    assert 0.8 < float(jnp.std(states)) < 1.2
+    assert 0.5 < float(jnp.std(states)) < 1.2  # goals, which units fit, are spread more evenly
 
 
 def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():
