@@ -6,6 +6,8 @@ from pathlib import Path
 from everystate.envs.model_copy import model_files
 from everystate.envs.vector import BodyVectorEnv
 
+_SPACE = "\N{NO-BREAK SPACE}"  # keeps a name and what belongs to it on one line
+
 
 def description(env: BodyVectorEnv, model: Path | None) -> str:
     """Sizes, control step, source, state and actions, in lines of at most 80 characters.
@@ -27,8 +29,8 @@ def description(env: BodyVectorEnv, model: Path | None) -> str:
     head = f"{env.name}: {len(state)} state components, {len(actions)} actions, {pace}"
     told = [
         f"from {env.source}",
-        f"state: {', '.join(state)}",
-        f"actions, from -1 to 1 each: {', '.join(actions)}",
+        f"state: {_listed(state)}",
+        f"actions, from -1 to 1 each: {_listed(actions)}",
     ]
     if model:
         files = ", ".join(file.name for file in model_files(model))
@@ -37,4 +39,8 @@ def description(env: BodyVectorEnv, model: Path | None) -> str:
             f" {env.model_hash[:12]}... of what it compiles to"
         )
     lines = (textwrap.fill(x, 78, initial_indent="  ", subsequent_indent="    ") for x in told)
-    return "\n".join([head, *lines])
+    return "\n".join([head, *lines]).replace(_SPACE, " ")
+
+
+def _listed(parts: list[str]) -> str:
+    return ", ".join(part.replace(" ", _SPACE) for part in parts)
