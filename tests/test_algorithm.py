@@ -12,6 +12,7 @@ import pytest
 
 from everystate import algorithm
 from everystate.config import FlowFamily
+from everystate.learning.episodes import WANDER
 from everystate.learning.goals import choose_goals
 from everystate.learning.keys import named
 from everystate.learning.models import Scale
@@ -142,31 +143,25 @@ def test_presets_of_the_paper_run(name):
     assert np.isfinite(float(metrics["loss/f"]))
 
 
-def test_who_wanders_keeps_to_random_actions_for_a_while_and_another_does_as_ever():
-    config = preset("test", wander_share=0.5, wander_steps=2, steps_per_epoch=4)
-
-    def actions(config):
-        state, taken, wanders = start(config), [], []
-        episodes = state.episodes
-        for step in range(8):
-            state = state._replace(epoch=jnp.int32(step // 4))
-            draws = eqx.filter_jit(algorithm.draw)(config, state)
-            episodes, action = act_at(config, state, draws, step % 4, episodes, jnp.zeros((10, 2)))
-            taken.append(action)
-            wanders.append([] if draws.wanders is None else draws.wanders[step % 4, :, 0])
-        return np.stack(taken), np.stack(wanders)
-
-    some, wanders = actions(config)
-    none, _ = actions(preset("test", steps_per_epoch=4))
-    for epoch in (wanders[:4], wanders[4:]):
-        assert (epoch == epoch[0]).all(), "for a whole epoch"
-        assert 0 < epoch[0].mean() < 1
-    assert (wanders[0] != wanders[4]).any(), "not always the same"
-    np.testing.assert_array_equal(some[~wanders], none[~wanders])
-    assert (some[wanders] != none[wanders]).any()
-    pairs = some.reshape(4, 2, 10, 2)
-    assert (pairs[:, 0] == pairs[:, 1])[wanders[::2]].all(), "for two steps"
-    assert (pairs[1:, 0] != pairs[:-1, 0]).any(axis=2)[wanders[::2][1:]].any(), "then others"
+def test_who_wanders_keeps_to_random_actions_for_a_while_and_others_do_as_ever():
+    config = preset("test", wander_share=0.5, wander_steps=2, steps_per_epoch=8)
+    state, seen = start(config), jnp.zeros((10, 2))
+    draws = eqx.filter_jit(algorithm.draw)(config, state)
+    taken, policys, wanders, episodes = [], [], [], state.episodes
+    for step in range(8):
+        _, policy = act_at(config, state, draws._replace(anywhere=None), step, episodes, seen)
+        episodes, action = act_at(config, state, draws, step, episodes, seen)
+        taken.append(action)
+        policys.append(policy)
+        wanders.append(np.asarray(episodes.objectives) == WANDER)
+    taken, policys, wanders = np.stack(taken), np.stack(policys), np.stack(wanders)
+    assert (wanders == wanders[0]).all(), "for longer than these steps"
+    assert 0 < wanders[0].mean() < 1
+    np.testing.assert_array_equal(taken[~wanders], policys[~wanders])
+    assert (taken[wanders] != policys[wanders]).any(axis=1).all()
+    pairs = taken.reshape(4, 2, 10, 2)[:, :, wanders[0]]
+    assert (pairs[:, 0] == pairs[:, 1]).all(), "for two steps"
+    assert (pairs[1:, 0] != pairs[:-1, 0]).any(axis=2).all(), "then others"
 
 
 def test_further_steps_of_d_and_imagined_steps_of_pi_and_v_move_nothing_else():

@@ -121,3 +121,21 @@ def test_the_tally_counts_ended_episodes_and_those_that_came_near():
     assert np.all(over)
     np.testing.assert_array_equal(first.tally, np.zeros(3))
     assert float(ep.episode_metrics(first)["episode/length"]) == 0
+
+
+def test_bodies_wander_for_as_long_as_they_are_meant_to_and_enter_no_tally():
+    config = preset("test", wander_steps=3, patience=2, max_episode_steps=200)
+    length, by = ep.WANDERED * config.wander_steps, jnp.array([ep.WANDER, 0] * (BODIES // 2))
+    states, worse = jnp.zeros((BODIES, 2)), jnp.full(BODIES, -1.0)
+    given = states, by, jnp.zeros(BODIES)
+    episodes = ep.restart(ep.no_episodes(config, 2), jnp.full(BODIES, True), *given)
+    ended = []
+    for _ in range(length):
+        episodes, over = ep.advance(config, episodes, states, worse)
+        ended.append(np.asarray(over))
+    wandering = np.stack(ended)[:, ::2]
+    assert not wandering[:-1].any()
+    assert wandering[-1].all()
+    assert np.stack(ended)[:, 1::2].any(axis=0).all()
+    ends = np.stack(ended)[:, 1::2].sum()
+    assert float(episodes.tally[0]) == ends

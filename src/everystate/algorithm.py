@@ -100,8 +100,8 @@ def act(
 ) -> tuple[ep.Episodes, Float[Array, "bodies a"]]:
     """a ~ pi(s, g) for some bodies, after giving new goals to those whose episode is over.
 
-    Where there are several objectives, an episode is by one of them [D31]. Some bodies may wander:
-    they act at random for an epoch [D22].
+    Where there are several objectives, an episode is by one of them [D31]. Some bodies may wander
+    from where their last episode ended: they act at random [D22].
     """
     states, aims = actor.scale.scaled(observations), objectives(config)
 
@@ -119,8 +119,9 @@ def act(
         return jnp.clip(jnp.stack(every)[by], -1, 1)
 
     actions = jax.vmap(sample)(states, episodes.goals, draws.latents, episodes.objectives)
-    if draws.wanders is not None and draws.anywhere is not None:
-        actions = jnp.where(draws.wanders, draws.anywhere, actions)
+    if draws.anywhere is not None:
+        wanders = (episodes.objectives == ep.WANDER)[:, None]
+        actions = jnp.where(wanders, draws.anywhere, actions)
     return episodes, actions
 
 

@@ -147,7 +147,7 @@ class Config:
     patience: int = 1
     """Steps with V(s,g) below its best that end an episode; 1 is the paper's rule [D2]."""
     wander_share: float = 0.0
-    """Share of the bodies that act at random for an epoch, whatever their goals [D22]."""
+    """Share of the episodes in which a body acts at random from where its last one ended [D22]."""
     wander_steps: int = 4
     """Steps for which such a body keeps to an action."""
     central_share: float = 0.0

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from everystate.config import Config
+from everystate.learning.episodes import WANDER
 from everystate.learning.goals import choose_goals
 from everystate.learning.keys import named
 from everystate.learning.objectives import objectives
@@ -21,11 +22,9 @@ class Draws(NamedTuple):
     latents: Float[Array, "*steps bodies a"]
     """z of the actions a = pi_dec(z)."""
     objectives: Int[Array, "*steps bodies"]
-    """By which of the run's, for those whose episode is over."""
-    wanders: Bool[Array, "*steps bodies 1"] | None = None
-    """Which bodies act at random in this epoch [D22]; None: nobody ever does."""
+    """By which of the run's, or WANDER, for those whose episode is over."""
     anywhere: Float[Array, "*steps bodies a"] | None = None
-    """How they act."""
+    """How bodies act that wander [D22]; None: nobody ever does."""
 
 
 def draw(config: Config, state: AgentState) -> Draws:
@@ -50,15 +49,15 @@ def _of_step(config: Config, state: AgentState, step: Int[Array, ""]) -> Draws:
         latents=jax.vmap(lambda key: jax.random.normal(key, (action_size,)))(keys),
         objectives=jax.random.randint(named(key, "objectives"), bodies, 0, count, jnp.int32),
     )
-    epoch, since = step // config.steps_per_epoch, step // config.wander_steps
     if config.central_share:
-        key = named(state.key, "central", epoch)
-        central = jax.random.bernoulli(key, config.central_share, (config.num_bodies, 1))
+        of_epoch = named(state.key, "central", step // config.steps_per_epoch)
+        central = jax.random.bernoulli(of_epoch, config.central_share, (config.num_bodies, 1))
         draws = draws._replace(latents=jnp.where(central, 0.0, draws.latents))
     if not config.wander_share:
         return draws
-    chosen = named(state.key, "wander", epoch), named(state.key, "wandering", since)
+    wanders = jax.random.bernoulli(named(key, "wander"), config.wander_share, bodies)
+    kept = named(state.key, "wandering", step // config.wander_steps)
     return draws._replace(
-        wanders=jax.random.bernoulli(chosen[0], config.wander_share, (config.num_bodies, 1)),
-        anywhere=jax.random.uniform(chosen[1], draws.latents.shape, minval=-1, maxval=1),
+        objectives=jnp.where(wanders, WANDER, draws.objectives),
+        anywhere=jax.random.uniform(kept, draws.latents.shape, minval=-1, maxval=1),
     )

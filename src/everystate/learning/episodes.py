@@ -8,6 +8,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from everystate.config import Config
 
+WANDER = -1
+"""In the place of an objective: acting at random."""
+WANDERED = 5
+"""Random actions in such an episode, each kept for `wander_steps`."""
 REACHED = 0.25
 """A training goal counts as reached within this largest distance over scaled components."""
 
@@ -16,7 +20,7 @@ class Episodes(NamedTuple):
     """What each body is up to, and a tally of the episodes that ended in this epoch."""
 
     goals: Float[Array, "bodies s"]  # Scaled.
-    objectives: Int[Array, " bodies"]  # By which of the run's they are pursued.
+    objectives: Int[Array, " bodies"]  # By which of the run's; or WANDER.
     best_values: Float[Array, " bodies"]
     steps_since_best: Int[Array, " bodies"]
     lengths: Int[Array, " bodies"]
@@ -59,14 +63,17 @@ def advance(
     """Accounts for the states just reached and says whose episode is over.
 
     The paper goes on while V(s, g) does not fall; here, while V has risen to a new best within
-    the last `patience` steps, which is the same at patience 1 [D2]. A cap ends it anyway.
+    the last `patience` steps, which is the same at patience 1 [D2]. A cap ends it anyway. Bodies
+    that wander do so for as long as they are meant to [D22], and enter no tally.
     """
     improved = values >= episodes.best_values
     since_best = jnp.where(improved, 0, episodes.steps_since_best + 1)
     over = (since_best >= config.patience) | (episodes.lengths >= config.max_episode_steps)
+    wanders = episodes.objectives == WANDER
+    over = jnp.where(wanders, episodes.lengths >= WANDERED * config.wander_steps, over)
     distance = jnp.abs(states - episodes.goals).max(axis=1)
     nearest = jnp.minimum(episodes.nearest, distance)
-    ended = over & (episodes.lengths > 0)
+    ended = over & (episodes.lengths > 0) & ~wanders
     counts = [ended.sum(), (ended & (nearest <= REACHED)).sum()]
     counts.append(jnp.where(ended, episodes.lengths, 0).sum())
     tally = episodes.tally + jnp.stack(counts).astype(jnp.float32)
