@@ -3,9 +3,10 @@
     python experiments/exploration.py
 
 The paper's least likely of 20 decoded goals against goals from the state distribution itself, on
-the Ramp Pointmass at preset `quick`: how far up the ramp any body has come, and when one first
-stood on the ledge, in control steps of all bodies. `seeds.py` says where everything goes; how far
-each run came is in its `furthest.json`, the figure and intervals in `furthest.png` and `.json`.
+the Ramp Pointmass at preset `quick`, as `exploration.toml` has it: how far up the ramp any body has
+come, and when one first stood on the ledge, in control steps of all bodies. Runs and summary are in
+results/exploration; how far each run came is in its `furthest.json`, the figure and intervals in
+`furthest.png` and `.json`.
 """
 
 import json
@@ -18,18 +19,12 @@ from matplotlib.figure import Figure
 from everystate.envs.ramp_pointmass import LEDGE_SOUTH, RAMP_FOOT, RAMP_WEST, region
 from everystate.evaluation import raw
 from everystate.evaluation.aggregate import summary
-from everystate.scaling import Evaluation
+from everystate.studies import Study
 from everystate.training.collection import read_samples
 from everystate.training.logging import read_metrics
 from everystate.viewing.plots import COLOURS, WIDTH, styled
 
 NAME = "exploration"
-_SHORT = {"epochs": 40, "checkpoint_period": 1}  # samples are kept with every checkpoint
-_EVALUATION = Evaluation(plan=False, episodes=40)
-SETTINGS = {
-    "least-likely": seeds.Setting(_SHORT, 5, _EVALUATION),
-    "state-distribution": seeds.Setting({**_SHORT, "m": 1}, 5, _EVALUATION),
-}
 Curve = dict[str, list[float]]
 
 
@@ -59,21 +54,21 @@ def first_on_the_ledge(curve: Curve) -> float:
     return there[0] if there else curve["steps"][-1]
 
 
-def draw(folders: dict[str, list[Path]]) -> None:
+def draw(study: Study, results: Path) -> None:
     """Reads what the runs on this machine have to say, then draws from the results alone."""
+    folders = seeds.summarised(study, results)
     for found in folders.values():
         for folder in found:
             run = folder / "run"
             if not (folder / "furthest.json").exists() and run.exists():
                 raw.write(folder / "furthest.json", furthest(run))
     curves: dict[str, list[Curve]] = {
-        setting: [json.loads((folder / "furthest.json").read_text()) for folder in found]
-        for setting, found in folders.items()
+        condition: [json.loads((folder / "furthest.json").read_text()) for folder in found]
+        for condition, found in folders.items()
     }
-    results = seeds.results_of(NAME)
     said = {
-        setting: {"steps_to_ledge": summary([first_on_the_ledge(c) for c in found])}
-        for setting, found in curves.items()
+        condition: {"steps_to_ledge": summary([first_on_the_ledge(c) for c in found])}
+        for condition, found in curves.items()
     }
     raw.write(results / "furthest.json", said, replace=True)
     figure(curves).savefig(results / "furthest.png", dpi=150)
@@ -81,20 +76,18 @@ def draw(folders: dict[str, list[Path]]) -> None:
 
 @styled
 def figure(curves: dict[str, list[Curve]]) -> Figure:
-    """Every seed thin, the median of a setting thick."""
+    """Every seed thin, the median of a condition thick."""
     drawn = Figure(figsize=(WIDTH * 0.7, 2.8))
     ax = drawn.subplots()
-    for colour, (setting, found) in zip(COLOURS, curves.items(), strict=False):
+    for colour, (condition, found) in zip(COLOURS, curves.items(), strict=False):
         for curve in found:
             ax.plot(curve["steps"], curve["share"], color=colour, linewidth=0.7, alpha=0.5)
         middle = np.median([curve["share"] for curve in found], axis=0)
-        ax.plot(found[0]["steps"], middle, color=colour, linewidth=2, label=setting)
+        ax.plot(found[0]["steps"], middle, color=colour, linewidth=2, label=condition)
     ax.set(xlabel="control steps of all bodies", ylabel="furthest up the ramp", ylim=(0, 1.05))
     ax.legend(loc="lower right")
     return drawn
 
 
 if __name__ == "__main__":
-    seeds.main(
-        "ramp-pointmass", SETTINGS, draw, description=str(__doc__).splitlines()[0], name=NAME
-    )
+    seeds.main(NAME, draw, description=str(__doc__))

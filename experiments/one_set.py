@@ -1,38 +1,25 @@
-"""How far one set of numbers carries: python experiments/one_set.py [--runs RUNS].
+"""How far one set of numbers carries: python experiments/one_set.py [--out RUNS].
 
-Makes no run: `everystate train` does, by the options in `TRAINED` and `--run-dir RUNS/NAME`, in 4
-to 25 minutes each on one core, resumable. Of every run that is over it writes
-results/one-set/NAME.json: suites and skills where the body has them; where it has none, whether it
-stands up and stays so. What is there already is left.
+Makes the runs of `one-set.toml` in runs/one-set, in 4 to 25 minutes each on one core. Of every run
+that is over it writes results/one-set/NAME-SEED.json: suites and skills where the body has them;
+where it has none, whether it stands up and stays so. What is there already is left.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import seeds
 from jaxtyping import Bool, Float
-from made_runs import curves, write_missing
 
 import everystate
-from everystate import envs, evaluation
-from everystate.agent.files import read_lines
-from everystate.skills import SKILLS
+from everystate import envs
+from everystate.agent.files import read_json
+from everystate.evaluation import raw
+from everystate.studies import Study
+from everystate.studies.runs import MEASURED, finished
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "results" / "one-set"
-TRAINED = {
-    f"{name}-{seed}": (body, "--preset", "any", *options, "--seed", str(seed))
-    for name, seeds, body, *options in (
-        ("arm", 3, "experiments/arm.xml"),
-        ("pendulum", 1, "gymnasium:Pendulum-v1"),
-        ("cartpole", 1, "cartpole", "--evaluation-period", "10"),
-        ("ant", 1, "ant", "--evaluation-period", "25"),
-        ("ramp-pointmass", 1, "ramp-pointmass", "--evaluation-period", "10"),
-    )
-    for seed in range(seeds)
-}
-"""Options of `everystate train`, by the name of the run."""
+RESULTS = seeds.RESULTS / "one-set"
 UPRIGHT = {"arm": (-1.0, 0.0, 0.0), "pendulum": (1.0, 0.0, 0.0)}
 """Cosine, sine and velocity of a body that hangs down in the end if nothing is done."""
 STARTS, PLAY, STEPS, LAST = 100, 100, 200, 25
@@ -70,7 +57,7 @@ def standing(run: Path, goal: tuple[float, ...]) -> dict[str, float]:
     """Shares of starts: by the policy, by random actions, and doing nothing."""
     agent, rng = everystate.load(run), np.random.default_rng(1)
     body = agent.config.body
-    drawn = ROOT / body if body.endswith(".xml") else body
+    drawn = seeds.ROOT / body if body.endswith(".xml") else body
 
     def at_random(observations: Any, _: Any) -> Any:
         return rng.uniform(-1, 1, (len(observations), agent.body.action_size)).astype(np.float32)
@@ -82,22 +69,32 @@ def standing(run: Path, goal: tuple[float, ...]) -> dict[str, float]:
     return {name: float(stands(act, str(drawn), goal).mean()) for name, act in actors.items()}
 
 
-def measured(run: Path) -> dict[str, Any]:
+def measured(folder: Path) -> dict[str, Any]:
     """All that is said of a run."""
-    lines = read_lines(run / "metrics.jsonl")
-    config = json.loads((run / "config.json").read_text())
-    body, name = config["config"]["body"], run.name.rpartition("-")[0]
+    lines, config = seeds.lines_of(folder), read_json(folder / "config.json")
+    name = folder.parent.name
     if name in UPRIGHT:
-        found: dict[str, Any] = {"stands": standing(run, UPRIGHT[name])}
+        found: dict[str, Any] = {"stands": standing(folder / "run", UPRIGHT[name])}
     else:
-        found = evaluation.evaluate(run, skills=body in SKILLS)
-    trained = {"options": list(TRAINED[run.name]), **config}
-    return {**found, "trained": trained, "minutes": _minutes(lines), "curves": curves(lines, _KEPT)}
+        found = read_json(folder / MEASURED)
+    minutes = round(lines[-1]["time/elapsed_s"] / 60, 1)
+    return {
+        **found,
+        "trained": {"condition": name, **config},
+        "minutes": minutes,
+        "curves": seeds.curves(lines, _KEPT),
+    }
 
 
-def _minutes(lines: list[dict[str, Any]]) -> float:
-    return round(lines[-1]["time/elapsed_s"] / 60, 1)
+def keep(study: Study, out: Path) -> None:
+    """Writes what is missing of the runs that are over."""
+    for name, one in study.conditions.items():
+        for seed in one.seeds:
+            folder, path = out / name / f"seed{seed}", RESULTS / f"{name}-{seed}.json"
+            if finished(folder) and not path.exists():
+                raw.write(path, measured(folder))
+                print(path)
 
 
 if __name__ == "__main__":
-    write_missing(str(__doc__), TRAINED, RESULTS, measured)
+    seeds.main("one-set", keep, description=str(__doc__), out=seeds.ROOT / "runs" / "one-set")

@@ -1,56 +1,57 @@
-"""The paper's own settings at the paper's own sizes: python experiments/paper.py [--runs RUNS].
+"""The paper's own settings at the paper's own sizes: python experiments/paper.py [--out RUNS].
 
-Makes no run: `everystate train` does, by the options in `TRAINED` and `--evaluation-period 10
---run-dir RUNS/NAME`, in an hour or more each on one core, resumable. Of every run there is, whole
-or broken down, it writes results/paper/NAME.json: how its last agent does on the body's suites and
-skills, some columns of its metrics, and what ended it. What is there already is left.
+Makes the runs of `paper.toml` in runs/paper, in an hour or more each on one core. Of every run that
+is over, whole or broken down, it writes results/paper/NAME-SEED.json: how its last agent does on
+the body's suites and skills, some columns of its metrics, and what ended it. What is there already
+is left.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
-from made_runs import curves, write_missing
+import seeds
 
 from everystate import evaluation
-from everystate.agent.files import read_lines
+from everystate.agent.files import read_json
+from everystate.evaluation import raw
 from everystate.skills import SKILLS
+from everystate.studies import Study
+from everystate.studies.runs import MEASURED, finished
 
-RESULTS = Path(__file__).resolve().parent.parent / "results" / "paper"
-TRAINED = {
-    f"{name}-{seed}": (*options, "--seed", str(seed))
-    for name, seeds, options in (
-        ("paper-ramp", 3, ("ramp-pointmass", "--preset", "paper")),
-        # Figure 3's two ablations.
-        ("mean-ramp", 3, ("ramp-pointmass", "--preset", "paper", "--pessimism", "mean")),
-        ("density-ramp", 3, ("ramp-pointmass", "--preset", "paper", "--m", "1")),
-        ("paper-cartpole", 1, ("cartpole", "--preset", "paper")),
-        ("literal-ramp", 1, ("ramp-pointmass", "--preset", "literal")),
-        ("literal-cartpole", 1, ("cartpole", "--preset", "literal")),
-    )
-    for seed in range(seeds)
-}
-"""Options of `everystate train`, by the name of the run."""
+RESULTS = seeds.RESULTS / "paper"
 _KEPT = ("epoch", "steps", "episode/length", "episode/reached", "value/", "coverage/", "replay/ess")
 _KEPT += ("env/falls", "eval/success", "eval/rest/score", "eval/motion/score")
 
 
-def measured(run: Path) -> dict[str, Any]:
+def measured(folder: Path) -> dict[str, Any]:
     """All that is said of a run."""
-    lines = read_lines(run / "metrics.jsonl")
-    faults = sorted((run / "faults").glob("*"))
-    config = json.loads((run / "config.json").read_text())
+    run = folder / "run"
+    lines, config = seeds.lines_of(run), read_json(run / "config.json")
     found: dict[str, Any] = {}
-    if any((run / "checkpoints").glob("[0-9]*")):
+    if finished(folder):
+        found = read_json(folder / MEASURED)
+    elif any((run / "checkpoints").glob("[0-9]*")):
         found = evaluation.evaluate(run, skills=config["config"]["body"] in SKILLS)
     return {
         **found,
-        "trained": {"options": list(TRAINED[run.name]), **config},
+        "trained": {"condition": folder.parent.name, **config},
         "epochs": lines[-1]["epoch"] if lines else 0,
-        "broke_in_epoch": int(faults[0].name) if faults else None,
-        "curves": curves(lines, _KEPT),
+        "broke_in_epoch": seeds.broke_down(run),
+        "curves": seeds.curves(lines, _KEPT),
     }
 
 
+def keep(study: Study, out: Path) -> None:
+    """Writes what is missing of the runs that are over."""
+    for name, one in study.conditions.items():
+        for seed in one.seeds:
+            folder, path = out / name / f"seed{seed}", RESULTS / f"{name}-{seed}.json"
+            stops = one.config(seed).not_finite == "stop"
+            over = finished(folder) or (stops and seeds.broke_down(folder / "run"))
+            if over and not path.exists():
+                raw.write(path, measured(folder))
+                print(path)
+
+
 if __name__ == "__main__":
-    write_missing(str(__doc__), TRAINED, RESULTS, measured)
+    seeds.main("paper", keep, description=str(__doc__), out=seeds.ROOT / "runs" / "paper")

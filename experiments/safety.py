@@ -3,10 +3,10 @@
     python experiments/safety.py
 
 The worst of the N imagined returns against their mean, N being 8 as in `quick` or 20 as in the
-paper, a percentile between them, and sensor noise, on the Ramp Pointmass for 100 epochs. `seeds.py`
-says where everything goes. Of every agent kept on the way, `climbs.json` beside a run's other
-results says how it climbs; `climbs.json` and pictures compare the settings.
-`safety_grid.py` says what there is to learn.
+paper, a percentile between them, and sensor noise, on the Ramp Pointmass for 100 epochs, as
+`safety.toml` has it; runs and summary are in results/safety. Of every agent kept on the way,
+`climbs.json` beside a run's other results says how it climbs; `climbs.json` and pictures compare
+the conditions. `safety_grid.py` says what there is to learn.
 """
 
 import json
@@ -29,26 +29,9 @@ from everystate.evaluation import raw
 from everystate.evaluation.aggregate import summary
 from everystate.learning.flows import decode
 from everystate.learning.planning import Planning
-from everystate.scaling import Evaluation
+from everystate.studies import Study, read
 
 NAME = "safety"
-_EVALUATION = Evaluation(plan=False, episodes=40)
-
-
-def setting(count: int, **change: Any) -> seeds.Setting:
-    """Preset `quick` for as many epochs as the paper has, with this changed."""
-    return seeds.Setting({"epochs": 100, **change}, count, _EVALUATION)
-
-
-SETTINGS = {
-    "pessimal-of-20": setting(10, N=20),
-    "mean-of-20": setting(10, N=20, pessimism="mean"),
-    "pessimal": setting(5),
-    "mean": setting(5, pessimism="mean"),
-    "25th-percentile": setting(3, percentile=25.0),
-    "sensor-noise": setting(3, sensor_noise=0.1),
-    "less-sensor-noise": setting(3, sensor_noise=0.02),
-}
 GOALS = {"ahead": None, "west": 0.0}
 """Their x, None being that of the start; the short way to the west leads along the edges."""
 LEDGE = 0.85  # their y
@@ -167,12 +150,11 @@ def rounded(values: Float[np.ndarray, "*n"]) -> list[Any]:
     return values.astype(float).round(2).tolist()
 
 
-def draw(folders: dict[str, list[Path]]) -> None:
+def draw(study: Study, results: Path) -> None:
     """Measures the agents that this machine has, then draws from the results alone."""
-    for folder in (folder for runs in folders.values() for folder in runs):
+    for folder in (f for runs in seeds.summarised(study, results).values() for f in runs):
         if not (folder / "climbs.json").exists() and (folder / "run").exists():
             raw.write(folder / "climbs.json", {"epochs": measured(folder / "run")})
-    results = seeds.results_of(NAME)
     found = by_epoch(results)
     last = at_end(found)
     said = summaries(last)
@@ -192,8 +174,9 @@ def measured(run: Path) -> dict[str, dict[str, Measures]]:
 
 
 def by_epoch(results: Path) -> dict[str, list[dict[str, Any]]]:
-    """What was measured of every seed of each setting, by epoch."""
-    files = {name: sorted(results.glob(f"{name}/seed*/climbs.json")) for name in SETTINGS}
+    """What was measured of every seed of each condition, by epoch."""
+    conditions = read(seeds.ROOT / "experiments" / f"{NAME}.toml").conditions
+    files = {name: sorted(results.glob(f"{name}/seed*/climbs.json")) for name in conditions}
     return {name: [epochs(file) for file in found] for name, found in files.items() if found}
 
 
@@ -209,7 +192,7 @@ def at_end(found: dict[str, list[dict[str, Any]]]) -> dict[str, list[Measures]]:
 
 
 def summaries(last: dict[str, list[Measures]]) -> dict[str, Any]:
-    """Every number over seeds: by setting, by where the goal is or `searched`."""
+    """Every number over seeds: by condition, by where the goal is or `searched`."""
     said: dict[str, Any] = {}
     for name, runs in last.items():
         numbers = {kind: [n for n in NUMBERS if n in runs[0][kind]] for kind in runs[0]}
@@ -221,6 +204,4 @@ def summaries(last: dict[str, list[Measures]]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    seeds.main(
-        "ramp-pointmass", SETTINGS, draw, description=str(__doc__).splitlines()[0], name=NAME
-    )
+    seeds.main(NAME, draw, description=str(__doc__))

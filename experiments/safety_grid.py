@@ -136,7 +136,7 @@ def main() -> None:
     for name, noise in NOISES.items():
         after = outcomes(**noise)
         said[name] = {score: measures(after, n, **noise) for score, n in COUNTS.items()}
-    results = seeds.results_of(safety.NAME)
+    results = seeds.RESULTS / safety.NAME
     raw.write(results / "grid.json", said, replace=True)
     learned = safety.at_end(safety.by_epoch(results))
     safety_figures.grid(said, learned).savefig(results / "grid.png", dpi=150)

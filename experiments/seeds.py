@@ -1,91 +1,75 @@
-"""Several settings and seeds of one body: trained and measured on Ray, their raw results kept.
+"""What the studies of this folder have in common.
 
-Wants `make scale`. `results/NAME/SETTING/seedN` gets what everystate/scaling/trial.py says; a run
-that was stopped goes on when the command is given again, and what is finished is left as it is,
-also where its config would be another today. Medians and intervals over seeds are in
-`results/NAME/summary.json`. NAME is the body's, unless an experiment has one of its own.
+NAME.toml says what is run, as `everystate sweep` reads it; a script of the same name makes the runs
+that are missing, as the same command would, and then measures or draws what is special to it. What
+is finished is left as it is, also where its config would be another today.
 """
 
 import argparse
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from everystate import scaling
-from everystate.evaluation import raw
-from everystate.evaluation.aggregate import over_seeds
-from everystate.presets import preset
-from everystate.scaling import Evaluation, Trial
+from everystate import studies
+from everystate.agent.files import read_lines
+from everystate.studies import Study, summary
+from everystate.studies.runs import finished
 
-RESULTS = Path(__file__).resolve().parent.parent / "results"
-PERIOD = 20
-"""Epochs between evaluations during training."""
-
-
-class Setting(NamedTuple):
-    """What is trained, how often, and how it is measured."""
-
-    options: Mapping[str, Any]
-    """Fields of the config."""
-    seeds: int
-    evaluation: Evaluation = Evaluation()
-    preset: str = "quick"
-
-
-Settings = Mapping[str, Setting]
-
-
-def results_of(name: str) -> Path:
-    """Where the raw results of a body or an experiment are kept."""
-    return RESULTS / Path(name).stem
-
-
-def trial(body: str, name: str, setting: Setting, seed: int) -> Trial:
-    """One run of a setting."""
-    options = {"evaluation_period": PERIOD, **setting.options}
-    config = preset(setting.preset, body, seed=seed, **options)
-    return Trial(f"{name}/seed{seed}", config, setting.evaluation)
-
-
-def summarise(where: str, settings: Settings) -> dict[str, list[Path]]:
-    """Writes summary.json; returns the folders of the finished runs there are, by setting."""
-    results = results_of(where)
-    folders = {
-        name: [run.parent for run in sorted((results / name).glob("seed*/evaluation.json"))]
-        for name in settings
-    }
-    folders = {name: found for name, found in folders.items() if found}
-    summaries = {name: over_seeds(evaluations(found)) for name, found in folders.items()}
-    raw.write(results / "summary.json", summaries, replace=True)
-    return folders
-
-
-def evaluations(folders: Sequence[Path]) -> list[dict[str, Any]]:
-    """What was measured of these runs."""
-    return [json.loads((folder / "evaluation.json").read_text()) for folder in folders]
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "results"
+_DIGITS = 4
 
 
 def main(
-    body: str,
-    settings: Settings,
-    draw: Callable[[dict[str, list[Path]]], None],
-    *,
-    description: str,
-    name: str | None = None,
+    name: str, then: Callable[[Study, Path], None], *, description: str, out: Path | None = None
 ) -> None:
-    """Every setting and seed asked for, one per core at a time; then the summary and figures."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--settings", nargs="+", default=list(settings), choices=settings)
-    parser.add_argument("--seeds", nargs="+", type=int, help="instead of all of each setting")
-    parser.add_argument("--summary-only", action="store_true")
+    """Makes the runs of experiments/NAME.toml, then does what is left to do.
+
+    Args:
+        name: of the study.
+        then: is called with the study and its folder, also where runs failed.
+        description: its first line is shown with --help.
+        out: the study's folder, by default results/NAME.
+    """
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    parser.add_argument("--workers", type=int, help="runs at a time; by default one per core")
+    parser.add_argument("--ray-address", help="a Ray cluster to make them on")
+    parser.add_argument("--out", type=Path, default=out or RESULTS / name)
+    parser.add_argument("--summary-only", action="store_true", help="train nothing")
     options = parser.parse_args()
-    where = name or body
+    study, folder = studies.read(ROOT / "experiments" / f"{name}.toml"), options.out
+    problems: list[str] = []
     if not options.summary_only:
-        wanted = [
-            trial(body, name, settings[name], seed)
-            for name in options.settings
-            for seed in options.seeds or range(settings[name].seeds)
-        ]
-        scaling.run_all(wanted, results_of(where))
-    draw(summarise(where, settings))
+        left = [[run] for run in study.runs() if not finished(folder / run.name)]
+        how = {"workers": options.workers, "address": options.ray_address}
+        problems = studies.run_all(left, folder, **how)
+    then(study, folder)
+    studies.complain(problems)
+
+
+def summarised(study: Study, out: Path) -> dict[str, Sequence[Path]]:
+    """Writes the summary; returns the folders of the finished runs there are, by condition."""
+    groups = summary.folders(out, study.conditions)
+    summary.write(out, groups)
+    return {name: found for name, found in groups.items() if found}
+
+
+def curves(lines: Sequence[Mapping[str, Any]], kept: tuple[str, ...]) -> dict[str, list[Any]]:
+    """Columns of a run's metrics whose names begin so, in few digits."""
+    columns = dict.fromkeys(n for line in lines for n in line if n.startswith(kept))
+    return {n: [_short(line.get(n)) for line in lines] for n in columns}
+
+
+def broke_down(run: Path) -> int | None:
+    """The epoch in which a run that stops at what is not finite did so."""
+    faults = sorted((run / "faults").glob("*"))
+    return int(faults[0].name) if faults else None
+
+
+def lines_of(run: Path) -> list[dict[str, Any]]:
+    """The metrics of a run, whole or broken down."""
+    return read_lines(run / "metrics.jsonl")
+
+
+def _short(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.{_DIGITS}g}")

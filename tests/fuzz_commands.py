@@ -19,10 +19,10 @@ from pathlib import Path
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from everystate import cli, evaluation, peers, viewing
+from everystate import cli, evaluation, studies, viewing
 from everystate.cli import options
 from everystate.evaluation import raw
-from everystate.peers import blocks, comparison
+from everystate.studies import comparison, pool
 from everystate.training import loop
 from everystate.viewing import studio
 
@@ -99,9 +99,9 @@ def main() -> None:
     examples: int = arguments.examples
     for module, name in (
         (loop, "_run"),
-        (blocks, "_run"),
+        (pool, "_make"),
         (comparison, "write"),
-        (peers, "table"),
+        (studies, "table"),
         (evaluation, "evaluate"),
         (evaluation, "table"),
         (evaluation, "skills_table"),

@@ -10,12 +10,15 @@ import pytest
 from everystate import load
 from everystate.errors import EverystateError
 from everystate.evaluation import suites
-from everystate.peers import Terms, acting, contest
+from everystate.peers import acting
 from everystate.peers.acting import Actor
 from everystate.peers.agents import PeerConfig
 from everystate.peers.settings import SETTINGS
+from everystate.studies import Terms
+from everystate.studies.timed import Rescoring, Timed
 
 TERMS = Terms("ramp-pointmass", minutes=1.0, preset="test", episodes=20, plan=False)
+TYPED = {"command": "everystate compare", "argv": ["everystate", "compare"]}
 GOALS = suites.load("ramp-pointmass").goals
 STARTS = GOALS[::-1]
 
@@ -71,7 +74,7 @@ def test_what_was_kept_is_measured_again(tmp_path: Path) -> None:
     acting.write(made(32), kept)
     before = {"steps": 7, "coverage": None, "acting": acting.checksums(kept), "metrics": "0" * 64}
     (tmp_path / "evaluation.json").write_text(json.dumps(before))
-    contest.replay("sac-her", 0, TERMS, tmp_path)
+    Rescoring(Timed("sac-her", 0, TERMS))(tmp_path, TYPED)
     found = json.loads((tmp_path / "rescored.json").read_text())
     assert found["agent"] == found["config"]["agent"] == "sac-her"
     assert found["config"]["settings"]["source"] == SETTINGS["sac-her"].source
@@ -80,7 +83,7 @@ def test_what_was_kept_is_measured_again(tmp_path: Path) -> None:
     file = kept / "actor.safetensors"
     file.write_bytes(file.read_bytes()[:-1] + b"!")
     with pytest.raises(EverystateError, match="is not what"):
-        contest.replay("sac-her", 0, TERMS, tmp_path)
+        Rescoring(Timed("sac-her", 0, TERMS))(tmp_path, TYPED)
 
 
 def test_our_agent_is_measured_as_it_is_kept(tmp_path: Path) -> None:
@@ -88,8 +91,8 @@ def test_our_agent_is_measured_as_it_is_kept(tmp_path: Path) -> None:
     run = load("ramp-pointmass").export(tmp_path / "run")
     line = {"epoch": 1, "steps": 500, "time/elapsed_s": 60.0}
     (run / "metrics.jsonl").write_text(json.dumps(line) + "\n")
-    contest.play("ours", 0, TERMS, tmp_path)
-    contest.replay("ours", 0, TERMS, tmp_path)
+    Timed("ours", 0, TERMS)(tmp_path, TYPED)
+    Rescoring(Timed("ours", 0, TERMS))(tmp_path, TYPED)
     names = "evaluation.json", "rescored.json"
     first, again = (json.loads((tmp_path / name).read_text()) for name in names)
     assert first["steps"] == 500

@@ -155,7 +155,7 @@ def test_collectors_have_as_many_bodies_each(bodies: int, wanted: int, near: int
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("--collectors 2", "pip install 'ray[tune]'"),
+        ("--collectors 2", "pip install ray"),
         ("--collectors 3", "does not divide num_bodies = 10"),
         ("--ray-address auto", "say --collectors N too"),
     ],
@@ -176,5 +176,7 @@ def test_mistakes_are_told_and_write_nothing(
 
 
 def test_ray_is_not_imported_without_collectors() -> None:
-    script = "import sys, everystate.cli, everystate.scaling, everystate.training\n"
+    script = (
+        "import sys, everystate.cli, everystate.scaling, everystate.studies, everystate.training\n"
+    )
     subprocess.run([sys.executable, "-c", script + "sys.exit('ray' in sys.modules)"], check=True)

@@ -2,9 +2,10 @@
 
 import json
 import os
-import subprocess
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,15 +15,18 @@ from everystate import evaluation
 from everystate.cli import main
 from everystate.errors import EverystateError
 from everystate.evaluation import perturbations, raw
-from everystate.peers import CONTESTANTS, Terms, blocks, compare, contest, contestants
 from everystate.peers.agents import DoNothing, PeerConfig, RandomActions
-from everystate.peers.comparison import gather, write
-from everystate.peers.tables import table
 from everystate.presets import preset
+from everystate.studies import Run, Terms, agents, compare, comparison, rescore, table, timed
+from everystate.studies.agents import AGENTS
+from everystate.studies.comparison import write
+from everystate.studies.summary import gather
+from everystate.studies.timed import Timed
 from everystate.training.logging import read_metrics
 from waiting import until
 
 TERMS = Terms("ramp-pointmass", minutes=1.0, preset="test", episodes=20, plan=False)
+TYPED = {"command": "everystate compare", "argv": ["everystate", "compare"]}
 
 
 def results(folder: Path, seed: int, success: float, steps: list[int]) -> Path:
@@ -59,14 +63,14 @@ def gathered(tmp_path: Path) -> dict[str, Any]:
     """Two seeds of ours, one of another that took fewer steps."""
     ours = [results(tmp_path / f"ours/seed{i}", i, 0.9 + 0.1 * i, [100, 200]) for i in (0, 1)]
     other = [results(tmp_path / "sac-her/seed0", 0, 0.5, [50, 150])]
-    return gather(TERMS._asdict(), {"ours": ours, "sac-her": other})
+    conditions = gather({"ours": ours, "sac-her": other}, equal_steps=150)
+    return {**TERMS._asdict(), "equal_steps": 150, "conditions": conditions}
 
 
-def test_equal_steps_are_those_of_the_slowest(gathered: dict[str, Any]) -> None:
-    assert gathered["equal_steps"] == 150
+def test_scores_are_told_after_equal_steps(gathered: dict[str, Any]) -> None:
     at = {
         name: agent["at_equal_steps"]["rest/all"]["values"]
-        for name, agent in gathered["agents"].items()
+        for name, agent in gathered["conditions"].items()
     }
     assert at["sac-her"] == [0.5]
     assert at["ours"] == pytest.approx([0.8, 0.9])  # the look before, after 100 steps
@@ -78,10 +82,10 @@ def test_the_table_has_a_row_for_planning(gathered: dict[str, Any]) -> None:
     rows = {cells[1].strip(): cells[2:-1] for line in lines if (cells := line.split("|"))}
     assert {len(line.split("|")) for line in lines} == {len(lines[0].split("|"))}
     assert list(rows)[2:] == ["ours", "sac-her", "ours, planning"]
-    assert [cell.strip() for cell in rows["ours"][:3]] == ["2", "95", "95 [90, 100]"]  # the median
+    assert [cell.strip() for cell in rows["ours"][:4]] == ["2", "95", "95 [90, 100]", "90"]
     assert [cell.strip() for cell in rows["sac-her"][:2]] == ["1", "50"]
     assert [cell.strip() for cell in rows["sac-her"][-2:]] == ["0.25", "50"]
-    assert {cell.strip() for cell in rows["ours, planning"][3:]} == {"—"}
+    assert {cell.strip() for cell in rows["ours, planning"][4:]} == {"—"}
 
 
 def test_skills_have_a_table_of_their_own(gathered: dict[str, Any]) -> None:
@@ -93,15 +97,15 @@ def test_skills_have_a_table_of_their_own(gathered: dict[str, Any]) -> None:
         "| sac-her | 50 |",
         "| ours, planning | — |",
     ]
-    for agent in gathered["agents"].values():
+    for agent in gathered["conditions"].values():
         del agent["skills"]
     assert "| skills |" not in table(gathered)
 
 
 def test_no_row_is_left_out(gathered: dict[str, Any]) -> None:
-    del gathered["agents"]["sac-her"]["skills"]
-    found = gather(TERMS._asdict(), {"tqc-her": []})
-    gathered["agents"] |= found["agents"]
+    del gathered["conditions"]["sac-her"]["skills"]
+    found = {"conditions": gather({"tqc-her": []})}
+    gathered["conditions"] |= found["conditions"]
     text = table(gathered)
     assert text.count("| tqc-her | 0 | — | — |") == 1
     assert "| tqc-her | — | — | — |" in text  # of the runs
@@ -114,12 +118,12 @@ def test_no_row_is_left_out(gathered: dict[str, Any]) -> None:
 def test_random_and_nothing_are_compared_and_not_done_twice(tmp_path: Path) -> None:
     out = tmp_path / "out"
     found = compare(TERMS, ["random"], 1, out)
-    assert list(found["agents"]) == ["nothing", "random"]
-    policies = {name: a["suites"]["rest"]["policy"] for name, a in found["agents"].items()}
+    assert list(found["conditions"]) == ["nothing", "random"]
+    policies = {name: a["suites"]["rest"]["policy"] for name, a in found["conditions"].items()}
     assert policies["random"]["score"]["all"]["median"] < 0.5
     falls = {tuple(p["falls_per_1000_steps"]["all"]["values"]) for p in policies.values()}
     assert len(falls) == 2
-    skills = [set(agent["skills"]["policy"]) for agent in found["agents"].values()]
+    skills = [set(agent["skills"]["policy"]) for agent in found["conditions"].values()]
     assert skills[0] == skills[1]
     kept = out / "random/seed0/evaluation.json"
     assert json.loads(kept.read_text())["config"]["agent"] == "random"
@@ -131,9 +135,13 @@ def test_random_and_nothing_are_compared_and_not_done_twice(tmp_path: Path) -> N
     with pytest.raises(EverystateError, match=r"minutes 1\.0 there, 2\.0 here"):
         compare(TERMS._replace(minutes=2.0), ["random"], 1, out)
     block = json.loads((out / "blocks/seed0.json").read_text())
-    assert [run["agent"] for run in block["runs"]] == ["nothing", "random"]
-    assert [run["core"] for run in block["runs"]] == json.loads(kept.read_text())["cores"] * 2
-    contest.replay("random", 0, TERMS, kept.parent)
+    cores = [
+        json.loads((out / f"{n}/seed0/evaluation.json").read_text())["cores"]
+        for n in found["conditions"]
+    ]
+    assert cores[0] == cores[1]
+    assert len(cores[0]) == 1
+    rescore("ramp-pointmass", out)
     again = json.loads((kept.parent / "rescored.json").read_text())
     assert again["suites"] == json.loads(kept.read_text())["suites"]
     assert kept.stat().st_mtime_ns == written
@@ -145,20 +153,21 @@ def test_random_and_nothing_are_compared_and_not_done_twice(tmp_path: Path) -> N
         compare(TERMS, ["random"], 1, out)
 
 
-def test_a_block_is_a_seed_on_one_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    agents, seen = ["ours", "sac-her", "random"], []
+def test_a_block_is_a_seed_and_what_failed_does_not_stop_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[list[str]] = []
 
-    def run(folder: Path, name: str, seed: int, core: int, what: str) -> str | None:
-        seen.append((seed, name, core))
-        return f"{name} {seed}" if (name, seed) == ("sac-her", 1) else None
+    def run_all(blocks: list[list[Run]], *_: Any, **__: Any) -> list[str]:
+        made.extend([run.name for run in block] for block in blocks)
+        return ["random/seed1: error: it fell over"]
 
-    monkeypatch.setattr(blocks, "_run", run)
-    assert blocks.run(tmp_path, agents, range(3), "play") == ["sac-her 1"]  # and others went on
-    for seed in range(3):
-        block = [(name, core) for s, name, core in seen if s == seed]
-        assert [name for name, _ in block] == agents
-        assert len({core for _, core in block} & os.sched_getaffinity(0)) == 1
-        machine = json.loads((tmp_path / f"blocks/seed{seed}.json").read_text())["machine"]
+    monkeypatch.setattr(comparison.pool, "run_all", run_all)
+    with pytest.raises(EverystateError, match=r"1 runs failed.*random/seed1"):
+        compare(TERMS, ["ours"], 2, tmp_path / "out")
+    assert made == [[f"{n}/seed{seed}" for n in ("ours", "nothing", "random")] for seed in (0, 1)]
+    for seed in (0, 1):
+        machine = json.loads((tmp_path / f"out/blocks/seed{seed}.json").read_text())["machine"]
         assert machine["cores"] == os.cpu_count()
 
 
@@ -197,60 +206,61 @@ def test_what_cannot_be_compared_is_told_before_any_run(
 def test_a_peer_that_is_not_installed_is_told_how_to_have_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(contestants, "find_spec", lambda name: None)
+    monkeypatch.setattr(agents, "find_spec", lambda name: None)
     with pytest.raises(EverystateError, match="pip install stable-baselines3 sb3-contrib"):
         compare(TERMS, ["sac-her"], 1, tmp_path / "out")
 
 
-@pytest.mark.parametrize("name", [n for n, c in CONTESTANTS.items() if c.options])
+@pytest.mark.parametrize("name", [n for n, c in AGENTS.items() if c.options])
 def test_options_of_our_agents_are_options_of_train(name: str) -> None:
-    words = CONTESTANTS[name].options or ()
-    given = dict(zip(words[::2], words[1::2], strict=True))
-    config = preset("quick", goals=given["--goals"], m=int(given["--m"]))
-    assert config.m == int(given["--m"])
+    given = AGENTS[name].options or {}
+    assert preset("quick", **given).m == given["m"]
 
 
 @pytest.mark.slow
 def test_our_agent_is_stopped_when_its_time_is_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A run that would take hours; what it learned until then is measured, and told over steps.
+    """What it learned until then is measured, and told over steps.
 
-    Its time is over when it has looked at its success, not by the clock, which this test moves on.
+    Its time is over when it has looked at its success, not by the clock.
     """
-    terms = TERMS._replace(minutes=0.001, options=("--epochs", "1000000"))
+    terms = TERMS._replace(minutes=0.001)
     folder = tmp_path / "out"
     run, one = folder / "ours/seed0/run", folder / "ours/seed0"
+    given = preset(terms.preset, terms.body, epochs=1_000_000, evaluation_period=10)
+    monkeypatch.setattr(timed, "preset", lambda *_, **__: given)
 
     def looks() -> list[dict[str, Any]]:
         return [line for line in read_metrics(run) if "eval/rest/score/all" in line]
 
-    class Clocked(subprocess.Popen):
-        def communicate(self, input: Any = None, timeout: float | None = None) -> Any:
-            if timeout is None:
-                return super().communicate(input)
-            until(lambda: looks() or self.poll() is not None, seconds=900)
-            assert self.poll() is None, f"it ended by itself: {super().communicate()}"
-            raise subprocess.TimeoutExpired(self.args, timeout)
+    class WhenItHasLooked(threading.Timer):
+        def __init__(self, seconds: float, ring: Callable[[], None]) -> None:
+            super().__init__(0, lambda: (until(lambda: bool(looks()), seconds=900), ring()))
 
-    monkeypatch.setattr(
-        contest, "subprocess", SimpleNamespace(**{**vars(subprocess), "Popen": Clocked})
-    )
-    contest.play("ours", 0, terms, one)
+    monkeypatch.setattr(timed, "Timer", WhenItHasLooked)
+    Timed("ours", 0, terms)(one, TYPED)
     (folder / "terms.json").write_text(json.dumps(terms._asdict()))
     found = write(folder, ["ours"])
-    ours = found["agents"]["ours"]
+    ours = found["conditions"]["ours"]
     assert ours["steps"]["median"] == found["equal_steps"] == read_metrics(run)[-1]["steps"] > 0
     assert ours["at_equal_steps"]["rest/all"]["median"] == looks()[-1]["eval/rest/score/all"]
     assert (folder / "comparison-minutes.png").exists()
 
     # Stopped between training and measuring: its time is over, so it is measured as it is.
     (one / "evaluation.json").unlink()
-    monkeypatch.setattr(contest, "_train", None)
-    contest.play("ours", 0, terms, one)
+    monkeypatch.setattr(timed.training, "train", None)
+    Timed("ours", 0, terms)(one, TYPED)
     again = write(folder, ["ours"])
-    assert again["agents"]["ours"]["suites"] == ours["suites"]
+    assert again["conditions"]["ours"]["suites"] == ours["suites"]
     assert again["equal_steps"] == found["equal_steps"]
+
+
+def test_an_interrupt_that_is_not_the_clock_s_is_one() -> None:
+    with timed.interrupted_after(0.05):
+        time.sleep(10)
+    with pytest.raises(KeyboardInterrupt), timed.interrupted_after(60.0):
+        raise KeyboardInterrupt
 
 
 # --- Other worlds ---

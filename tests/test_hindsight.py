@@ -8,8 +8,8 @@ import pytest
 
 from everystate import envs, evaluation
 from everystate.evaluation import suites
-from everystate.peers import Terms, compare, rescore
 from everystate.peers.settings import SETTINGS
+from everystate.studies import Terms, compare, rescore
 
 pytestmark = pytest.mark.peers
 
@@ -107,13 +107,13 @@ def test_a_critic_tells_steps(name: str) -> None:
 
 def test_a_peer_is_trained_and_compared(tmp_path: Path) -> None:
     terms = Terms("ramp-pointmass", minutes=0.3, preset="test", episodes=20, plan=False)
-    agents = compare(terms, ["sac-her", "sac-her-no-reset"], 1, tmp_path / "out")["agents"]
+    agents = compare(terms, ["sac-her", "sac-her-no-reset"], 1, tmp_path / "out")["conditions"]
     assert list(agents) == ["sac-her", "sac-her-no-reset", "nothing", "random"]
     found = agents["sac-her"]
     assert found["steps"]["median"] > 0
     assert found["coverage"]["cells"]["median"] > 0
     assert "rest/all" in found["at_equal_steps"]
-    again = rescore("ramp-pointmass", tmp_path / "out")["agents"]
+    again = rescore("ramp-pointmass", tmp_path / "out")["conditions"]
     for name, agent in agents.items():
         for what in ("score", "success", "closest"):  # not what its critic, which is not kept, says
             found = (one["suites"]["rest"]["policy"][what] for one in (again[name], agent))

@@ -1,7 +1,6 @@
-"""Sweeps as a user has them: on Ray, with runs that fail, a driver that is killed, a lost node."""
+"""Studies on a Ray cluster, and searches by Optuna."""
 
 import json
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from everystate.scaling import read
-from test_sweep import SEARCH, SETTINGS, SMALL, evaluated, keep, write
+from everystate.studies.plan import read
+from test_sweep import CONDITIONS, SEARCH, SMALL, evaluated, keep, write
 from waiting import until
 
 pytestmark = [
@@ -42,41 +41,6 @@ def evaluations(out: Path) -> dict[str, str]:
     return found
 
 
-def test_a_failing_run_is_told_and_the_others_finish(tmp_path: Path) -> None:
-    path, out = write(tmp_path, SHORT + SETTINGS), tmp_path / "out"
-    foreign = out / "no-curriculum/seed0/run/mine.txt"
-    foreign.parent.mkdir(parents=True)
-    foreign.write_text("not a run")
-    failed = sweep(path, out)
-    assert failed.returncode == 2
-    assert "1 of 2 runs failed; the same command tries them again" in failed.stderr
-    assert "is not empty and is no run" in failed.stderr
-    assert len(evaluations(out)) == 1
-    (finished,) = out.glob("*/seed0/evaluation.json")
-    assert json.loads(finished.read_text())["command"].startswith("everystate sweep ")
-    assert not (out / ".ray").exists()
-
-
-def test_a_killed_sweep_goes_on_to_the_same_results(tmp_path: Path) -> None:
-    path = write(tmp_path, LONGER)
-    killed = subprocess.Popen(command(path, tmp_path / "killed"), stdout=subprocess.DEVNULL)
-    run = tmp_path / "killed/all/seed0/run/checkpoints"
-    until(lambda: any(run.glob("[0-9]*")), 300)
-    killed.send_signal(signal.SIGKILL)
-    killed.wait()
-    assert not evaluations(tmp_path / "killed")
-    done = sweep(path, tmp_path / "killed")
-    assert done.returncode == 0, done.stderr
-    alone = (
-        "import sys, pathlib; from everystate import scaling; from everystate.scaling import trial;"
-    )
-    alone += (
-        "trial.run(scaling.read(pathlib.Path(sys.argv[1])).trials()[0], pathlib.Path(sys.argv[2]))"
-    )
-    subprocess.run([sys.executable, "-c", alone, str(path), str(tmp_path / "whole")], check=True)
-    assert evaluations(tmp_path / "killed") == evaluations(tmp_path / "whole")
-
-
 def test_a_search_goes_on_after_what_it_found(tmp_path: Path) -> None:
     text = SEARCH.replace("trials = 3", "trials = 2").replace("[search]", EPOCH, 1)
     path, out = write(tmp_path, text), tmp_path / "out"
@@ -87,7 +51,7 @@ def test_a_search_goes_on_after_what_it_found(tmp_path: Path) -> None:
     done = sweep(path, out)
     assert done.returncode == 0, done.stderr
     assert len(evaluations(out)) == 2
-    assert (out / "table.md").read_text().count("| trial-") == 2
+    assert (out / "summary.md").read_text().count("| trial-") == 2
 
 
 def test_a_cluster_that_is_not_there_is_told(tmp_path: Path) -> None:
@@ -104,6 +68,21 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
     yield made
     made.shutdown()
+
+
+def test_a_failing_run_is_told_and_the_others_finish(tmp_path: Path, cluster: Any) -> None:
+    path, out = write(tmp_path, SHORT + CONDITIONS), tmp_path / "out"
+    foreign = out / "no-curriculum/seed0/run/mine.txt"
+    foreign.parent.mkdir(parents=True)
+    foreign.write_text("not a run")
+    cluster.add_node(num_cpus=2)
+    failed = sweep(path, out, "--ray-address", cluster.address)
+    assert failed.returncode == 2
+    assert "1 runs failed; the same command tries them again" in failed.stderr
+    assert "is not empty and is no run" in failed.stderr
+    assert "as-it-is/seed0: done" in failed.stdout
+    (finished,) = out.glob("*/seed0/evaluation.json")
+    assert json.loads(finished.read_text())["command"].startswith("everystate sweep ")
 
 
 def test_runs_of_a_lost_node_go_on_on_another(tmp_path: Path, cluster: Any) -> None:

@@ -3,7 +3,7 @@
   train BODY     let an agent teach itself a body, or go on with a run
   evaluate RUN   measure what it can reach [--json]
   compare BODY   train and measure several agents side by side, ours and others'
-  sweep FILE     train and measure many runs: seeds, settings, or a search [over a cluster]
+  sweep FILE     train and measure many runs: conditions x seeds, or a search [on a cluster]
   report RUN     draw a page of pictures of a run
   render RUN     film an agent performing a skill, going to a goal or exploring
   studio RUN     watch an agent in the browser and send it about
@@ -108,29 +108,33 @@ def evaluate(argv: list[str]) -> None:
 def compare(argv: list[str]) -> None:
     """Train and measure several agents side by side."""
     options = parse(Compare, "compare", argv)
-    from everystate import peers
+    from everystate import studies
 
     shared = options.body, options.minutes, options.preset, options.episodes, options.plan
     out = options.out or Path("runs") / f"compare-{Path(options.body).stem}"
     if options.rescore:
-        result = peers.rescore(options.body, out)
+        result = studies.rescore(options.body, out)
     else:
-        result = peers.compare(peers.Terms(*shared), options.agents, options.seeds, out)
-    print(peers.table(result))
+        terms, workers = studies.Terms(*shared), options.workers
+        result = studies.compare(terms, options.agents, options.seeds, out, workers=workers)
+    print(studies.table(result))
     print(f"in {out}")
 
 
 def sweep(argv: list[str]) -> None:
     """Train and measure many runs."""
     options = parse(Sweep, "sweep", argv)
-    from everystate import scaling
+    from everystate import studies
 
-    plan = scaling.read(options.file)
+    study = studies.read(options.file)
     out = options.out or Path("runs") / f"sweep-{options.file.stem}"
+    failed: list[str] = []
     if not options.table_only:
-        scaling.sweep(plan, out, address=options.ray_address)
-    print(scaling.write(plan, out), end="")
+        where = {"workers": options.workers, "address": options.ray_address}
+        failed = studies.sweep(study, out, **where)
+    print(studies.write(study, out), end="")
     print(f"in {out}")
+    studies.complain(failed)
 
 
 def report(argv: list[str]) -> None:

@@ -82,6 +82,8 @@ class Compare:
     """Runs of each, of seeds 0, 1, and so on."""
     minutes: float = 10.0
     """Wall-clock of each run."""
+    workers: int | None = None
+    """Runs that are made at a time, by default as many as there are cores."""
     out: Path | None = None
     """Folder of results, by default runs/compare-BODY; the same command goes on with it."""
     preset: str = "quick"
@@ -100,13 +102,15 @@ class Sweep:
     """Trains and measures the runs that a TOML file names, each on one core; docs/scaling.md."""
 
     file: tyro.conf.Positional[Path]
-    """Seeds, bodies and settings, or a search, as everystate/scaling/plan.py explains."""
+    """Conditions and seeds, or a search, as everystate/studies/plan.py explains."""
     out: Path | None = None
     """Folder of results, by default runs/sweep-FILE; the same command goes on with it."""
+    workers: int | None = None
+    """Runs that are made at a time, by default as many as there are cores."""
     ray_address: str | None = None
-    """A Ray cluster to run on, HOST:PORT or auto; by default Ray starts on this machine alone."""
+    """A Ray cluster to make them on, HOST:PORT or auto; by default they are made here."""
     table_only: bool = False
-    """Train nothing; write table and figures of what there is."""
+    """Train nothing; write tables and figure of what there is, unfinished runs' readings too."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

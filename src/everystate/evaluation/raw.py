@@ -17,7 +17,9 @@ LARGEST = 1_000_000
 """Bytes: what is kept in git is small columns, not everything that was seen."""
 
 
-def write(path: Path | str, result: Mapping[str, Any], *, replace: bool = False) -> None:
+def write(
+    path: Path | str, result: Mapping[str, Any], *, replace: bool = False, largest: int = LARGEST
+) -> None:
     """Writes a result as JSON, a line for each field, with where it comes from and its hash.
 
     A file that holds the same result already is left as it is. The file is there whole or not at
@@ -27,9 +29,10 @@ def write(path: Path | str, result: Mapping[str, Any], *, replace: bool = False)
         path: of the file; folders are created.
         result: what was measured, as JSON has it; fields of `HEADER` in it are kept.
         replace: overwrite a file that holds another result.
+        largest: bytes that it may have.
 
     Raises:
-        EverystateError: the result is no JSON, or larger than `LARGEST`, or the file holds another.
+        EverystateError: the result is no JSON, or larger than `largest`, or the file holds another.
     """
     path = Path(path)
     try:
@@ -48,9 +51,9 @@ def write(path: Path | str, result: Mapping[str, Any], *, replace: bool = False)
     content |= {name: x for name, x in header.items() if name not in content}
     lines = (f" {json.dumps(n)}: {json.dumps(x)}" for n, x in _signed(content).items())
     text = "{\n" + ",\n".join(lines) + "\n}\n"
-    if len(text) > LARGEST:
+    if len(text) > largest:
         raise EverystateError(
-            f"{path} would have {len(text):,} bytes, at most {LARGEST:,} are kept: write fewer"
+            f"{path} would have {len(text):,} bytes, at most {largest:,} are kept: write fewer"
             " columns, or less of each"
         )
     path.parent.mkdir(parents=True, exist_ok=True)

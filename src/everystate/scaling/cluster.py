@@ -4,9 +4,10 @@ import logging
 import os
 import socket
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from threading import Event
 from typing import Any
 
 from everystate.errors import EverystateError
@@ -15,9 +16,8 @@ _SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",  # Nothing of a run is told to anyone.
     # By default its workers stand back for whatever else runs, and all but stop beside it.
     "RAY_worker_niceness": "0",
-    "RAY_CHDIR_TO_TRIAL_DIR": "0",  # A body's path is relative to where the command was given.
-    "RAY_AIR_NEW_OUTPUT": "0",  # Tune's new output has no table of our columns.
 }
+_RETRIES, _LOOK_S = 2, 0.5
 
 
 @contextmanager
@@ -34,8 +34,7 @@ def connected(address: str | None, cpus: int) -> Iterator[None]:
     """
     if find_spec("ray") is None:
         raise EverystateError(
-            "Ray is not installed: pip install 'ray[tune]' optuna, which are everystate's extra"
-            " `scale`"
+            "Ray is not installed: pip install ray, which is of everystate's extra `scale`"
         )
     for name, value in _SETTINGS.items():
         os.environ.setdefault(name, value)
@@ -68,6 +67,28 @@ def connected(address: str | None, cpus: int) -> Iterator[None]:
         yield
     finally:
         ray.shutdown()
+
+
+def elsewhere(work: Callable[..., Any], *arguments: Any, stopped: Event) -> Any:
+    """What a function returns on a node of the cluster, where it has a CPU to itself.
+
+    If the node is lost, it is called again on another. Setting `stopped` interrupts it.
+
+    Raises:
+        EverystateError: the function raised something, or was lost too often.
+    """
+    import ray
+    from ray.exceptions import RayError
+
+    task = ray.remote(num_cpus=1, max_retries=_RETRIES)(work).remote(*arguments)
+    try:
+        while not ray.wait([task], timeout=_LOOK_S)[0]:
+            if stopped.is_set():
+                ray.cancel(task, force=True)
+                raise KeyboardInterrupt
+        return ray.get(task)
+    except RayError as error:
+        raise EverystateError(f"Ray failed ({line(error)}): the same command goes on") from error
 
 
 def answers(address: str) -> bool:
