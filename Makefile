@@ -70,10 +70,10 @@ check: scale  ## lint, format, types, the layers and the tables of documents
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
-	$(BIN)/python experiments/tables.py --check
+	$(BIN)/python tools/tables.py --check
 
 tables: setup  ## write the tables of README.md and docs/ from the raw files of results/
-	$(BIN)/python experiments/tables.py
+	$(BIN)/python tools/tables.py
 
 bench: scale  ## measure speed and memory, one script of benchmarks/ after the other
 	@set -e; for script in benchmarks/[a-z]*.py; do echo "$$script"; $(BIN)/python "$$script"; done
@@ -88,4 +88,4 @@ $(DOCS_STAMP): requirements-docs.txt $(STAMP)
 
 clean:  ## remove what builds and checks leave; .venv and runs/ stay
 	rm -rf build dist site .pytest_cache .ruff_cache .import_linter_cache .hypothesis src/*.egg-info
-	find src tests benchmarks experiments -name __pycache__ -type d -prune -exec rm -rf {} +
+	find src tests benchmarks experiments tools -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -88,6 +88,20 @@ def test_results_are_as_their_programs_wrote_them() -> None:
             assert path.stat().st_size <= raw.LARGEST, path
 
 
+def test_every_recorded_script_is_there_or_its_move_is_written_down() -> None:
+    moves = re.findall(
+        r"^\| `([\w/.]+)`[^|]*\| `([\w/.]+)`", (RESULTS / "README.md").read_text(), re.M
+    )
+    moved = dict(moves)
+    for path in data_files():
+        if path.suffix == ".json":
+            command = json.loads(path.read_text()).get("command") or ""
+            if said := re.match(r"python (?:-m )?([\w/.]+)", command):
+                place = moved.get(said[1], said[1])
+                module = ROOT / "src" / place.replace(".", "/")
+                assert (ROOT / place).is_file() or module.is_dir(), path
+
+
 def test_every_listed_result_is_there() -> None:
     assert not {path for path in frozen() if not path.exists()}
 

@@ -13,7 +13,7 @@ import pytest
 def test_a_run_that_is_killed_ends_as_if_it_had_not_been(
     pytestconfig: pytest.Config, kills: int
 ) -> None:
-    script = Path(__file__).with_name("kill_runs.py")
+    script = Path(__file__).with_name("trust") / "kill_runs.py"
     # With a cache of everystate's own, as users have it: traced programs are kept too.
     environment = {k: x for k, x in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     assert pytestconfig.cache is not None

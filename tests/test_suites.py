@@ -37,8 +37,8 @@ def test_every_body_has_its_suites() -> None:
 def test_suites_are_what_their_script_makes(
     body: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.syspath_prepend(ROOT / "experiments")
-    main = runpy.run_path(str(ROOT / "experiments" / "make_suites.py"))["main"]
+    monkeypatch.syspath_prepend(ROOT / "tools")
+    main = runpy.run_path(str(ROOT / "tools" / "make_suites.py"))["main"]
     main([body], tmp_path, ["tune"])  # of the two splits only the seed differs
     for name in suites.names(body):
         path = f"{body}/{name}-tune.json"

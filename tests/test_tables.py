@@ -8,19 +8,19 @@ from typing import Any
 
 import pytest
 
-EXPERIMENTS = Path(__file__).parents[1] / "experiments"
+TOOLS = Path(__file__).parents[1] / "tools"
 
 
 @pytest.fixture
 def cells(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(str(EXPERIMENTS))
+    monkeypatch.syspath_prepend(str(TOOLS))
     found = importlib.import_module("table_cells")
     monkeypatch.setattr(found, "TABLES", {"two": lambda: [["a", "b"], ["1", "2"]]})
     return found
 
 
 def test_the_documents_hold_what_the_raw_files_say() -> None:
-    words = [sys.executable, str(EXPERIMENTS / "tables.py"), "--check"]
+    words = [sys.executable, str(TOOLS / "tables.py"), "--check"]
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 

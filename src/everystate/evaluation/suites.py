@@ -1,6 +1,6 @@
 """Goal suites: fixed tasks, each from a start to a goal, so that numbers can be compared.
 
-A suite is one JSON file, made by a script of `experiments/`. Each task has the physics of its
+A suite is one JSON file, made by a script of `tools/`. Each task has the physics of its
 start, its goal as it is observed, a horizon, and what kind it is. Success is in units of `sigma`,
 the spread of each scored component over a reference set that never changes. A body has a suite for
 each question (`rest`: states it can stay in; `motion`: states that it can only pass), each in two

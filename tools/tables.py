@@ -1,6 +1,6 @@
 """Writes the tables of README.md and docs/ from the raw files of results/.
 
-    python experiments/tables.py [--check]
+    python tools/tables.py [--check]
 
 In a document a table stands between `<!-- table: NAME -->` and `<!-- end -->`; what is between them
 is written here, and nowhere by hand. `--check` writes nothing, and exits with 1 if a table is not

@@ -1,4 +1,4 @@
-"""What search through MuJoCo itself reaches: python experiments/ceilings.py BODY SUITE.
+"""What search through MuJoCo itself reaches: python tools/ceilings.py BODY SUITE.
 
 Beside a suite this says how much of it can be had by whoever knows the physics and is given a
 budget: for each task 500 tries (cross-entropy method, 10 rounds of 50) of a whole sequence of

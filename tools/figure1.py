@@ -1,6 +1,6 @@
 """Figure 1 of the paper, with the balancing that its cartpole could not do.
 
-    python experiments/figure1.py
+    python tools/figure1.py
 
 Films and filmstrips of the shipped cartpole agent, by its policy alone, as
 results/figure-1/SKILL.mp4 and .png.

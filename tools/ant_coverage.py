@@ -1,4 +1,4 @@
-"""What an ant's run has found by itself: python experiments/ant_coverage.py RUN [--plan].
+"""What an ant's run has found by itself: python tools/ant_coverage.py RUN [--plan].
 
 To `RUN/coverage`: `coverage.png`, the poses and velocities that bodies came through, early
 and late in training; and `gallery.png`, the six most different of the ways that the agent went to

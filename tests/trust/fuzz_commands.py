@@ -1,6 +1,6 @@
 """No command line is a traceback.
 
-    python tests/fuzz_commands.py [EXAMPLES] [--out FILE]
+    python tests/trust/fuzz_commands.py [EXAMPLES] [--out FILE]
 
 Puts words together, known and unknown, and types them: each is done, or refused in one line. What
 takes its time is left out: a run is begun, and ends before its first epoch. FILE gets how many

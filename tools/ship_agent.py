@@ -1,11 +1,11 @@
 """Puts a trained agent into the package, with its scores and the command that made it.
 
-    python experiments/ship_agent.py runs/experiments/ramp-pointmass/quick-seed0 ramp-pointmass
+    python tools/ship_agent.py runs/experiments/ramp-pointmass/quick-seed0 ramp-pointmass
 
 The agent goes to `src/everystate/agents/NAME`, where `everystate.load(NAME)` finds it. A new agent
 takes the place of an old one only when the old folder was removed.
 
-    python experiments/ship_agent.py --renew cartpole
+    python tools/ship_agent.py --renew cartpole
 
 writes a shipped agent anew, in the format of today: the same arrays and settings, what the model of
 its body compiles to today, and the scores of an `--evaluation` or else those it has. Before that,

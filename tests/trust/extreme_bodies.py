@@ -1,6 +1,6 @@
 """Bodies that numbers break on, and a run of each.
 
-    python tests/extreme_bodies.py [EPOCHS] [--out FILE]
+    python tests/trust/extreme_bodies.py [EPOCHS] [--out FILE]
 
 All are points in a box, whose observation is something else: in units of 1e12 and 1e-12 at once,
 with a component that never changes, that jumps, or that is there twice. Trains by `quick`; FILE

@@ -3,7 +3,7 @@
 One seed each. Ours are measured by `everystate evaluate BODY --skills --plan --out
 results/agents/BODY.json` (the ant's planning, which takes long, on fewer tasks, in
 ant-planning.json), others by `everystate compare ... --out results/peers/BODY`, what search through
-MuJoCo finds by `python experiments/ceilings.py BODY motion`.
+MuJoCo finds by `python tools/ceilings.py BODY motion`.
 """
 
 from functools import partial

@@ -1,6 +1,6 @@
 """Figure 2 of the paper: six skills of the ant.
 
-    python experiments/figure2.py [RUN]
+    python tools/figure2.py [RUN]
 
 Films and filmstrips of the shipped agent, or of a run's, by the policy alone, each from the first
 of ten starts from which the skill succeeds, or else from the first of all, which its title says; of

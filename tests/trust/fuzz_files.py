@@ -1,6 +1,6 @@
 """A damaged file is read or refused, never a traceback.
 
-    python tests/fuzz_files.py [EXAMPLES] [--out FILE]
+    python tests/trust/fuzz_files.py [EXAMPLES] [--out FILE]
 
 Damages agents, goal suites, and the configs, metrics, samples and checkpoints of runs, and fails
 with the shortest damage that is neither read nor refused by an `EverystateError`. It runs in a

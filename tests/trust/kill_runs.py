@@ -1,6 +1,6 @@
 """Kills a training run over and over, and loses nothing.
 
-    python tests/kill_runs.py [KILLS] [--out FILE]
+    python tests/trust/kill_runs.py [KILLS] [--out FILE]
 
 A short run is killed (SIGKILL) at random moments and started again by the same command, until it
 was killed so often; then it may finish. Its metrics, but for their times, and its last checkpoint

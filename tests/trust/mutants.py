@@ -1,4 +1,4 @@
-"""Does the suite notice a wrong program? `python tests/mutants.py [PER_MODULE] [--survivors]`.
+"""Does the suite notice a wrong program? python tests/trust/mutants.py [PER_MODULE] [--survivors].
 
 Changes one place of a module at a time (a number, an operator, a comparison, ... as Cosmic Ray
 does), in a copy, and runs the module's own tests there; the rest of the suite would kill some of
@@ -31,7 +31,7 @@ from cosmic_ray.plugins import get_operator, operator_names
 from everystate.evaluation import raw
 from everystate.evaluation.provenance import commit
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 RESULT = ROOT / "results" / "trust" / "mutants.json"
 TESTS = {
     "learning/bijections.py": "test_bijections.py test_flows.py",

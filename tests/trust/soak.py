@@ -1,6 +1,6 @@
 """A million environment steps with learning: does a long run stay as it began?
 
-    python experiments/soak.py [STEPS]
+    python tests/trust/soak.py [STEPS]
 
 Trains the Ramp Pointmass by small models, and looks once a second from outside at the process:
 resident memory, open files, threads, and processor time. `results/soak/soak.json` gets their
@@ -23,7 +23,7 @@ import matplotlib.pyplot as plt
 from everystate.evaluation import raw
 from everystate.training.logging import read_metrics
 
-RESULTS = Path(__file__).resolve().parent.parent / "results" / "soak"
+RESULTS = Path(__file__).resolve().parents[2] / "results" / "soak"
 PER_EPOCH = 2_500
 OPTIONS = (
     "--preset test --num-bodies 50 --steps-per-epoch 50 --capacity 100000 --width 32"

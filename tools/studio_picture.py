@@ -1,4 +1,4 @@
-"""The README's picture of the studio: python experiments/studio_picture.py (needs chromium).
+"""The README's picture of the studio: python tools/studio_picture.py (needs chromium).
 
 The shipped cartpole agent balances; docs/images/studio.png is made anew.
 """

@@ -1,4 +1,4 @@
-"""Makes the goal suites that `everystate evaluate` uses: python experiments/make_suites.py BODY.
+"""Makes the goal suites that `everystate evaluate` uses: python tools/make_suites.py BODY.
 
 Run again on the same machine it writes the same files; the suites in the package were made by it.
 """
