@@ -1,6 +1,8 @@
 """Sweeps: what a file asks for, how what is there goes on, and what it comes to."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from everystate.scaling import cluster
 from everystate.studies import Evaluation, Run, Study, Training, readings, runs, search
 from everystate.studies.plan import read
 from everystate.training.logging import read_metrics
+from waiting import until
 
 ROOT = Path(__file__).parents[1]
 SMALL = """
@@ -292,3 +295,26 @@ def test_a_search_without_optuna_is_told(
     path = write(tmp_path, SEARCH)
     assert main(["sweep", str(path), "--out", str(tmp_path / "out")]) == 2
     assert "pip install optuna" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_killed_sweep_goes_on_to_the_same_results(tmp_path: Path) -> None:
+    path = write(
+        tmp_path, SMALL.replace("seeds = 2", "seeds = 1").replace("epochs = 2", "epochs = 12")
+    )
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+
+    def sweep(out: Path) -> subprocess.Popen[bytes]:
+        words = ["sweep", str(path), "--out", str(out), "--workers", "1"]
+        return subprocess.Popen([sys.executable, "-m", "everystate", *words])
+
+    first = sweep(killed)
+    until(lambda: any((killed / "all/seed0/run/checkpoints").glob("[0-9]*")), 300)
+    first.kill()
+    first.wait()
+    assert not (killed / "all/seed0/evaluation.json").exists()
+    for out in (killed, whole):
+        assert sweep(out).wait(600) == 0
+    ends = [json.loads((out / "all/seed0/evaluation.json").read_text()) for out in (killed, whole)]
+    for name in ("suites", "config", "steps", "coverage"):
+        assert ends[0][name] == ends[1][name]

@@ -113,10 +113,11 @@ def compare(argv: list[str]) -> None:
     shared = options.body, options.minutes, options.preset, options.episodes, options.plan
     out = options.out or Path("runs") / f"compare-{Path(options.body).stem}"
     if options.rescore:
-        result = studies.rescore(options.body, out)
+        result = studies.rescore(options.body, out, workers=options.workers)
     else:
-        terms, workers = studies.Terms(*shared), options.workers
-        result = studies.compare(terms, options.agents, options.seeds, out, workers=workers)
+        terms = studies.Terms(*shared)
+        how = {"workers": options.workers}
+        result = studies.compare(terms, options.agents, options.seeds, out, **how)
     print(studies.table(result))
     print(f"in {out}")
 

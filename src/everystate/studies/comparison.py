@@ -59,13 +59,14 @@ def compare(
     return result
 
 
-def rescore(body: str, folder: Path) -> dict[str, Any]:
+def rescore(body: str, folder: Path, *, workers: int | None = None) -> dict[str, Any]:
     """Measures every agent of a comparison again from what was kept of it; nothing is trained.
 
     Args:
         body: of the comparison.
         folder: of the comparison; gets `AGENT/seedN/rescored.json`, and over seeds
             `comparison-rescored.json` and `.md`. What was measured before stays as it is.
+        workers: as in `compare`.
 
     Raises:
         EverystateError: there is no comparison of this body, or something kept is missing or not
@@ -83,7 +84,7 @@ def rescore(body: str, folder: Path) -> dict[str, Any]:
         for seed in map(summary.seed_of, runs):
             task = Rescoring(Timed(name, seed, terms))
             blocks.setdefault(seed, []).append(Run(f"{name}/seed{seed}", task))
-    pool.complain(pool.run_all(list(blocks.values()), folder))
+    pool.complain(pool.run_all(list(blocks.values()), folder, workers=workers))
     return write(folder, [], RESCORED)
 
 
