@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import signal
 import sys
 from threading import Thread
 
@@ -10,6 +11,9 @@ from everystate.errors import EverystateError
 
 def main() -> int:
     """Returns the exit code."""
+    # Ignored where the study was started in the background of a script; the pool asks by it all the
+    # same, and so does the clock of a run that ends by time.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     task, folder, typed = pickle.load(sys.stdin.buffer)
     Thread(target=_end_with_the_study, daemon=True).start()
     try:
