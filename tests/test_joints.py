@@ -122,3 +122,26 @@ def test_options_are_checked(arm: str) -> None:
         make(arm, 1, 0, travel=1)
     with pytest.raises(EverystateError, match="no option 'travle': did you mean 'travel'"):
         make(arm, 1, 0, travle=True)
+
+
+def test_where_an_ant_has_got_to_follows_from_its_velocities():
+    """Against MuJoCo's own x and y, which the ant does not observe."""
+    seen, unseen = make("ant", 4, 0, travel=True), make("ant", 4, 0)
+    states = []
+    observations, _ = seen.reset(seed=1)
+    rng = np.random.default_rng(0)
+    for step in range(60):
+        states.append(observations)
+        if step % 5 == 0:
+            actions = rng.uniform(-1, 1, (4, 8)).astype(np.float32)
+        observations, *_ = seen.step(actions)
+    paths = np.stack(states, axis=1)
+    hidden = [i for i, n in enumerate(seen.state_names) if n not in ("torso_x", "torso_y")]
+    (x,) = unseen.body.unseen
+    assert seen.body.unseen == ()
+    for path in paths:
+        found = unseen.body.carried(path[:, hidden])
+        true = path[:, :2] - path[0, :2]
+        assert np.abs(true).max() > 0.1
+        np.testing.assert_allclose(found[:, x : x + 2], true, atol=0.05 + 0.05 * np.abs(true).max())
+        assert np.count_nonzero(np.delete(found, [x, x + 1], axis=1)) == 0

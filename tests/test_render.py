@@ -14,7 +14,7 @@ import pytest
 from everystate import cli, load, viewing
 from everystate.agent import Agent
 from everystate.envs import make
-from everystate.envs.rendering import overview
+from everystate.envs.rendering import Along, overview
 from everystate.errors import EverystateError
 from everystate.viewing import recording, video
 
@@ -162,3 +162,23 @@ def test_a_body_without_shapes_has_a_view_too() -> None:
     camera = overview(mujoco.MjModel.from_xml_string(xml))
     assert camera.distance > 0
     assert np.isfinite(camera.lookat).all()
+
+
+def test_an_ant_is_where_it_has_got_to_and_leaves_a_trail() -> None:
+    """It does not observe where it is: a path of states says where they lead."""
+    env = make("ant", 1, 0)
+    state = env.reset(seed=0)[0][0]
+    moving = state.copy()
+    moving[list(env.state_names).index("torso_vx")] = 2.0
+    path, at = np.tile(moving, (26, 1)), np.array([0, 25])
+    still = env.render_states(path[at], None, *SIZE)
+    assert np.abs(still[0].astype(int) - still[1]).mean() < 1
+    gone = env.render_states(path[at], None, *SIZE, along=Along(path, at)).astype(int)
+    trail = (gone[..., 0] > 150) & (gone[..., 2] < 60) & (gone[..., 1] > 60)
+    assert trail[1].sum() > trail[0].sum() + 5
+    # The camera goes along: what is under the ant has changed, and not the ant.
+    assert np.abs(gone[1] - still[1]).max() > 50
+    middle = np.s_[50:70, 70:90]
+    red = [(one[middle][..., 0] - one[middle][..., 1:].max(axis=-1) > 60).sum() for one in gone]
+    assert red[0] > 0
+    assert abs(red[1] - red[0]) <= 0.3 * red[0]

@@ -38,6 +38,20 @@ def test_it_goes_where_it_is_sent_and_stays(world: World) -> None:
     assert np.isfinite(thoughts).all()
 
 
+def test_where_it_travels_is_known_though_it_does_not_observe_it(world: World) -> None:
+    assert world.trail is None
+    ant = World(load("ant"))
+    ant.perform("walk-forward-by-gait")
+    for _ in range(40):
+        ant.step()
+    assert ant.trail is not None
+    assert ant.trail.shape == (250, 2)
+    np.testing.assert_array_equal(ant.trail[:210], np.zeros((210, 2)))
+    steps = np.linalg.norm(np.diff(ant.trail[-41:], axis=0), axis=1)
+    assert 0.05 < steps.sum() < 3
+    assert steps.max() < 0.2
+
+
 def test_it_plans_if_told_to_or_else_if_the_agent_says_so(world: World) -> None:
     assert not world.plan
     assert World(world.agent, plan=True).plan

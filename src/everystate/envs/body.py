@@ -1,6 +1,7 @@
 """What the batched stepper must know about a body: one small class per MuJoCo model."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -34,6 +35,8 @@ class Body(ABC):
     high: tuple[float, ...]
     camera: str | int = -1
     """A camera of the model by its name, or -1 for a view of all that the joints can reach."""
+    unseen: Sequence[int] = ()
+    """Where in qpos x lies, with y after it, of what travels without observing where it is."""
     ghost_scale: float = 1.0
     """A goal's ghost is drawn this much larger, to be seen around a body that has reached it."""
 
@@ -52,6 +55,12 @@ class Body(ABC):
         self, observations: Float[np.ndarray, "envs state"]
     ) -> tuple[Float[np.ndarray, "envs nq"], Float[np.ndarray, "envs nv"]]:
         """A full physics state (qpos, qvel) that is observed as given; also draws goals."""
+
+    def carried(
+        self, observations: Float[np.ndarray, "steps state"]
+    ) -> Float[np.ndarray, "steps nq"]:
+        """How far `place` is off in qpos, by what it cannot see, after each step of a path."""
+        return np.zeros_like(self.place(np.asarray(observations, dtype=np.float64))[0])
 
     def drive(
         self, actions: Float[np.ndarray, "envs action"], rng: np.random.Generator

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, UInt8
 from everystate.envs import snapshot
 from everystate.envs.adapt import EXTRA, ActionScaling, Flattening, make_single
 from everystate.envs.disturbance import Disturbance
-from everystate.envs.rendering import headless
+from everystate.envs.rendering import Along, headless
 from everystate.envs.vector import BodyVectorEnv, Physics
 from everystate.errors import EverystateError
 
@@ -153,6 +153,7 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         goal: Float[np.ndarray, "*steps state"] | None = None,
         width: int = 320,
         height: int = 240,
+        along: Along | None = None,
     ) -> UInt8[np.ndarray, "steps height width 3"]:
         """Impossible, for the same reason; `render` draws the bodies as they stand."""
         raise EverystateError(f"{self.name} cannot be drawn from what it observed, only live")

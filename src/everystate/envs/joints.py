@@ -206,6 +206,25 @@ class JointBody(Body):
         return qpos, np.array(observations[:, -self.model.nv :])
 
     @functools.cached_property
+    def unseen(self) -> tuple[int, ...]:
+        """Those of free joints, without `travel`."""
+        free = np.flatnonzero(self.model.jnt_type == mjtJoint.mjJNT_FREE)
+        return () if self.travel else tuple(self.model.jnt_qposadr[free].tolist())
+
+    def carried(
+        self, observations: Float[np.ndarray, "steps state"]
+    ) -> Float[np.ndarray, "steps nq"]:
+        """x and y of free joints, from their velocities: between steps about the mean of both."""
+        moved = np.zeros((len(observations), self.model.nq))
+        velocities = np.asarray(observations, dtype=np.float64)[:, -self.model.nv :]
+        means = (velocities[1:] + velocities[:-1]) / 2 * self.model.opt.timestep * self.frame_skip
+        for x in self.unseen:
+            joint = int(np.flatnonzero(self.model.jnt_qposadr == x)[0])
+            dof = int(self.model.jnt_dofadr[joint])
+            moved[1:, x : x + 2] = np.cumsum(means[:, dof : dof + 2], axis=0)
+        return moved
+
+    @functools.cached_property
     def _indices(self) -> tuple[Int[np.ndarray, "2 n"], Int[np.ndarray, "2 m"]]:
         return _transposed(self.layout.copied), _transposed(self.layout.turning)
 

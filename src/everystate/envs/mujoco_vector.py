@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Shaped, UInt8
 from everystate.envs.body import Body, load_model
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.model_copy import model_hash
-from everystate.envs.rendering import render_states
+from everystate.envs.rendering import Along, render_states
 from everystate.envs.vector import BodyVectorEnv, Physics, require_finite
 from everystate.errors import EverystateError
 
@@ -147,9 +147,10 @@ class MujocoVectorEnv(BodyVectorEnv):
         goal: Float[np.ndarray, "*steps state"] | None = None,
         width: int = 320,
         height: int = 240,
+        along: Along | None = None,
     ) -> UInt8[np.ndarray, "steps height width 3"]:
         """Pictures of stored states; goals, one or one each, appear as translucent ghosts."""
-        return render_states(self.model, self.body, observations, goal, width, height)
+        return render_states(self.model, self.body, observations, goal, width, height, along)
 
     def render(self) -> tuple[UInt8[np.ndarray, "height width 3"], ...] | None:
         """One picture of each body as it stands now."""

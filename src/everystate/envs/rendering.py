@@ -6,16 +6,20 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from mujoco.rendering.classic import gl_context
 
 from everystate.envs.body import Body
 from everystate.errors import EverystateError
 
 GHOST = (0.0, 0.9, 0.2, 0.26)
+_TRAIL = (0.83, 0.37, 0.0, 1.0)
+_DOTS, _MOST_DOTS = 5, 200
+"""A dot of the trail for so many steps; and how many there are at most."""
 _POSES = 100
 """Random ones, of which a view of the whole is made."""
 
@@ -27,18 +31,26 @@ def render_states(
     goal: Float[np.ndarray, "*steps state"] | None,
     width: int,
     height: int,
+    along: "Along | None" = None,
 ) -> UInt8[np.ndarray, "steps height width 3"]:
-    """One picture per state from the body's camera; goals, one or one each, as green ghosts."""
+    """One picture per state from the body's camera; goals, one or one each, as green ghosts.
+
+    What travels without observing where it is begins where it was drawn; `along` a path it is where
+    it has got to, its goal too, and a trail shows how.
+    """
     poses, _ = body.place(np.asarray(observations, dtype=np.float64))
+    path = np.zeros((0, model.nq)) if along is None else body.carried(along.states)
+    carried = np.zeros_like(poses) if along is None else path[along.at]
+    poses = poses + carried
     data, ghost = mujoco.MjData(model), mujoco.MjData(model)
     ghosts = [None] * len(poses)
     if goal is not None:
         goals = np.broadcast_to(np.asarray(goal, dtype=np.float64), np.shape(observations))
-        ghosts = list(body.place(goals)[0])
+        ghosts = list(body.place(goals)[0] + carried)
     frames = np.empty((len(poses), height, width, 3), dtype=np.uint8)
     camera = overview(model) if body.camera == -1 else body.camera
     with _renderer(model, width, height) as renderer:
-        for frame, pose, ghost_pose in zip(frames, poses, ghosts, strict=True):
+        for number, (frame, pose, ghost_pose) in enumerate(zip(frames, poses, ghosts, strict=True)):
             data.qpos[:] = pose
             mujoco.mj_fwdPosition(model, data)
             renderer.update_scene(data, camera=camera)
@@ -46,6 +58,8 @@ def render_states(
                 ghost.qpos[:] = ghost_pose
                 mujoco.mj_kinematics(model, ghost)
                 _add_ghost(model, ghost, renderer.scene, body.ghost_scale)
+            if along is not None:
+                _add_trail(model, body, path[: along.at[number] + 1], renderer.scene)
             frame[:] = renderer.render()
     return frames
 
@@ -77,6 +91,13 @@ def overview(model: mujoco.MjModel) -> mujoco.MjvCamera:
     camera.distance = 0.48 * float(np.linalg.norm(high - low)) / np.tan(fovy / 2)
     camera.azimuth, camera.elevation = 90, -10
     return camera
+
+
+class Along(NamedTuple):
+    """Which steps of a path are drawn."""
+
+    states: Float[np.ndarray, "path state"]
+    at: Int[np.ndarray, " steps"]
 
 
 @contextmanager
@@ -116,6 +137,23 @@ def _add_ghost(
         geom.rgba[:] = GHOST
         geom.emission = 0.3
         geom.size[:] *= scale
+
+
+def _add_trail(
+    model: mujoco.MjModel,
+    body: Body,
+    carried: Float[np.ndarray, "path nq"],
+    scene: mujoco.MjvScene,
+) -> None:
+    """Dots on the floor, where each of what travels unseen has been."""
+    size, flat = np.array([0.03, 0.03, 0.002]), np.eye(3).ravel()
+    color = np.array(_TRAIL, dtype=np.float32)
+    for x in body.unseen:
+        for place in (model.qpos0[x : x + 2] + carried[:, x : x + 2])[::_DOTS][-_MOST_DOTS:]:
+            geom = scene.geoms[scene.ngeom]
+            cylinder, where = mujoco.mjtGeom.mjGEOM_CYLINDER, np.array([*place, 0.002])
+            mujoco.mjv_initGeom(geom, cylinder, size, where, flat, color)
+            scene.ngeom += 1
 
 
 def _renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:

@@ -15,6 +15,7 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, Shaped, UInt8
 
 from everystate.envs.disturbance import Disturbance
+from everystate.envs.rendering import Along
 from everystate.errors import EverystateError
 
 _TOLERANCE = 1e-6  # what rounding may carry an action beyond [-1, 1]
@@ -145,8 +146,12 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         goal: Float[np.ndarray, "*steps state"] | None = None,
         width: int = 320,
         height: int = 240,
+        along: Along | None = None,
     ) -> UInt8[np.ndarray, "steps height width 3"]:
-        """Pictures of stored states; goals, one or one each, appear as translucent ghosts."""
+        """Pictures of stored states; goals, one or one each, appear as translucent ghosts.
+
+        `along` a path of states they are where the body has got to on it.
+        """
 
     @abstractmethod
     def _measurable(self) -> "BodyVectorEnv":

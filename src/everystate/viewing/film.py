@@ -5,6 +5,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from everystate.envs import BodyVectorEnv, make, parse_options
+from everystate.envs.rendering import Along
 from everystate.errors import EverystateError
 from everystate.evaluation import Agent, apart_from, metrics, rollout, suites
 from everystate.viewing import plots
@@ -34,7 +35,9 @@ def filmstrip(agent: Agent, env: BodyVectorEnv, suite: suites.Suite, *, planning
         task = int(reached[np.argsort(came[reached])[reached.size // 2]])
         end = int(came[task])
     at = np.linspace(0, end, FRAMES).round().astype(int)
-    frames = env.render_states(states[at, task], suite.goals[task], width=640, height=480)
+    size = {"width": 640, "height": 480}
+    along = Along(states[: end + 1, task], at)
+    frames = env.render_states(states[at, task], suite.goals[task], **size, along=along)
     where = env.regions(states[at, task])
     titles = [f"step {step}, {place}" for step, place in zip(at, where, strict=True)]
     titles[0] += " (planning)" if plan else " (policy)"

@@ -10,6 +10,9 @@ from mujoco import mjtGeom
 from everystate.envs.body import Body, load_model
 from everystate.envs.rendering import GHOST, overview
 
+_SECTION = 1.0
+"""Metres between the strong lines of the floor."""
+_TRAIL = (213, 94, 0)
 _HIDDEN = 3  # MuJoCo's viewers do not show geoms of this group and above, nor do we
 
 
@@ -21,7 +24,7 @@ class Stage:
         self.body, self.model, self._server = body, load_model(body.xml), server
         self._data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self._data)
-        self._bodies, self._ghosts = {}, {}
+        self._bodies, self._ghosts, self._moving = {}, {}, {}
         for index in range(self.model.nbody):
             if not (geoms := self._geoms(index)):
                 continue
@@ -41,12 +44,28 @@ class Stage:
         self._floors(server)
         self._look(server)
 
-    def show(self, state: Float[np.ndarray, " state"]) -> None:
-        """The body in a state."""
+    def show(
+        self, state: Float[np.ndarray, " state"], trail: Float[np.ndarray, "steps 2"] | None = None
+    ) -> None:
+        """The body in a state.
+
+        A body that travels without observing where it is stays in the middle, and the floor moves
+        on below it: `trail` is where it has been, from the oldest place to the one where it is.
+        """
         self._pose(state)
         with self._server.atomic():  # no browser draws half of it
             for index in self._ghosts:
                 self._place(self._bodies[index], index)
+            if trail is not None:
+                self._travel(trail)
+
+    def _travel(self, trail: Float[np.ndarray, "steps 2"]) -> None:
+        home = self.model.qpos0[self.body.unseen[0] :][:2]
+        for floor, place in self._moving.values():
+            floor.position = place - np.array([*np.remainder(trail[-1], _SECTION), 0.0])
+        points = np.full((len(trail), 3), 0.01, dtype=np.float32)
+        points[:, :2] = trail - trail[-1] + home
+        self._server.scene.add_point_cloud("/trail", points, _TRAIL, point_size=0.03)
 
     def show_goal(self, goal: Float[np.ndarray, " state"]) -> None:
         """Its ghost in another."""
@@ -70,16 +89,18 @@ class Stage:
             flat = self.model.geom_type[geom] == mjtGeom.mjGEOM_PLANE
             if flat and self.model.geom_group[geom] < _HIDDEN:
                 width, height = (2 * x or 20.0 for x in self.model.geom_size[geom, :2])
-                server.scene.add_grid(
+                place = self._data.geom_xpos[geom].copy()
+                grid = server.scene.add_grid(
                     f"/floor/{geom}",
                     width=width,
                     height=height,
                     cell_size=0.25,
-                    section_size=1.0,
+                    section_size=_SECTION,
                     plane_color=(236, 237, 240),
                     plane_opacity=1.0,
-                    position=self._data.geom_xpos[geom],
+                    position=place,
                 )
+                self._moving[geom] = grid, place
 
     def _pose(self, state: Float[np.ndarray, " state"]) -> None:
         self._data.qpos[:] = self.body.place(np.asarray(state, dtype=np.float64)[None])[0][0]

@@ -196,7 +196,7 @@ class Studio:
                 if goal is None or not np.array_equal(goal, self.world.goal):
                     goal = self.world.goal.copy()
                     self._show_goal(goal)
-                self._stage.show(self.world.state)
+                self._stage.show(self.world.state, self.world.trail)
                 if began - shown > _PLOT_PERIOD:
                     shown = began
                     self._show_thoughts()

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from everystate.envs import BodyVectorEnv
+from everystate.envs.rendering import Along
 from everystate.errors import EverystateError, suggest
 from everystate.viewing import plots
 from everystate.viewing.recording import Recording
@@ -99,7 +100,8 @@ def filmstrip(
     """Moments evenly spread over the recording, as in the paper's figures."""
     last = len(recording.states) - 1
     at = np.unique(np.linspace(0, last, _FILM_FRAMES).round().astype(int))
-    frames = env.render_states(recording.states[at], recording.goals[at], width, height)
+    along = Along(recording.states, at)
+    frames = env.render_states(recording.states[at], recording.goals[at], width, height, along)
     step = env.control_step
     titles = [f"{t * step:.1f} s" if step else f"step {t}" for t in at]
     return plots.filmstrip(list(frames), titles, columns=4)
@@ -111,9 +113,12 @@ def _frames(
     """Pictures with the strip below them, a cursor at the moment shown."""
     curves = {"steps to go, -V": recording.steps_to_goal, "distance, σ": recording.distance}
     strip, cursors = plots.strip(curves, width, max(80, height // 8 * 2))
-    for start in range(0, len(recording.states), _CHUNK):
+    steps = np.arange(len(recording.states))
+    for start in range(0, len(steps), _CHUNK):
         part = slice(start, start + _CHUNK)
-        pictures = env.render_states(recording.states[part], recording.goals[part], width, height)
+        shown = recording.states[part], recording.goals[part]
+        along = Along(recording.states, steps[part])
+        pictures = env.render_states(*shown, width, height, along)
         for picture, columns in zip(pictures, cursors[part], strict=True):
             below = strip.copy()
             below[:, columns] = np.minimum(below[:, columns], _CURSOR)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from everystate.agent import Agent, Performance, step_seed
-from everystate.envs import BodyVectorEnv, make, parse_options
+from everystate.envs import BodyVectorEnv, MujocoVectorEnv, make, parse_options
 from everystate.errors import EverystateError
 from everystate.evaluation import suites, warn_of_another_model
 
@@ -52,6 +52,7 @@ class World:
         self.state: State = self.env.reset(seed=seed)[0][0]
         self._goal = self.state.copy()
         self._states = self._goals = np.tile(self.state, (REMEMBERED, 1))
+        self._trail = np.zeros((REMEMBERED, 2))
 
     @property
     def goal(self) -> State:
@@ -108,9 +109,19 @@ class World:
         if self._performance:
             self._performance.step += 1
         self.steps += 1
-        self.state = self.env.step(action[None])[0][0]
+        before, self.state = self.state, self.env.step(action[None])[0][0]
+        if self.trail is not None and isinstance(self.env, MujocoVectorEnv):
+            x, body = self.env.body.unseen[0], self.env.body
+            moved = body.carried(np.stack([before, self.state]))[1:, x : x + 2]
+            self._trail = np.concatenate([self._trail[1:], self._trail[-1:] + moved])
         self._states = np.concatenate([self._states[1:], self.state[None]])
         self._goals = np.concatenate([self._goals[1:], goal[None]])
+
+    @property
+    def trail(self) -> Float[np.ndarray, "steps 2"] | None:
+        """Where it has been in the last steps, in metres; None if it observes where it is."""
+        env = self.env
+        return self._trail if isinstance(env, MujocoVectorEnv) and env.body.unseen else None
 
     def thoughts(self) -> Thoughts:
         """On each of the last `REMEMBERED` steps; before the first it had stood where it began."""
