@@ -12,8 +12,10 @@ from everystate.learning.state import AgentState
 
 _ROUNDING = 1e-6
 _DRAWN = 4096
+_OUTGROWN = 1.25
+"""Spreads above which a unit grows: those of what is learned already stay as they are."""
 _SETTLING = 5.0
-"""Epochs after which a unit grows by no more than an eighth of itself."""
+"""Epochs after which a centre moves by a sixteenth of what it is off."""
 
 
 def of_warm_up(states: Float[Array, "steps bodies s"]) -> Scale:
@@ -29,17 +31,21 @@ def grown(
     """The same in units that have followed what was visited.
 
     Each unit grows to the spread of goals drawn from the buffer, which weighs what is rarely
-    visited more, but after n epochs by no more than (1 + n / 5)^-3 of itself; none ever shrinks. So
-    they are where they belong within a few epochs and then settle, as the networks are left as
-    they are and have to follow: averages of weights that lag behind units are wrong by as much as
-    these have moved. The centre moves to the mean by the same share. All else that is kept in units
-    moves with them.
+    visited more, once that has outgrown it by a quarter, but after n epochs by no more than 1 / n
+    of itself; none ever shrinks. The centre moves to the mean, and settles within a few epochs. The
+    networks are left as they are and have to follow, and averages of weights that lag behind are
+    wrong by as much as the units have moved since: most of all where the body is all but still,
+    which is near the centre of its velocities. All else that is kept in units moves with them.
     """
     seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
     spread = jnp.std(seen, axis=0)
-    share = (1 + state.epoch.astype(jnp.float32) / _SETTLING) ** -3
-    factor = jnp.clip(spread, 1.0, 1 + share)
-    shift = share / (1 + share) * jnp.mean(seen, axis=0)
+    epoch = state.epoch.astype(jnp.float32)
+    shift = 0.5 * (1 + epoch / _SETTLING) ** -3 * jnp.mean(seen, axis=0)
+
+    def outgrown(spread: Float[Array, " s"]) -> Float[Array, " s"]:
+        return jnp.where(spread > _OUTGROWN, jnp.clip(spread, 1.0, 1 + 1 / (1 + epoch)), 1.0)
+
+    factor = outgrown(spread)
 
     def moved(states: Float[Array, "n s"]) -> Float[Array, "n s"]:
         kept = states.shape[1] > 0  # A ring that keeps no goals has none to move.
@@ -56,7 +62,7 @@ def grown(
     drawn = rb.drawn_transitions(config, replay, _DRAWN, key=named(key, "drawn"))
     change = jnp.std(drawn.next_observations - drawn.observations, axis=0)
     same = state.models.dynamics.change_scale / factor
-    unit = same * jnp.clip(change / same, 1.0, 1 + share)
+    unit = same * outgrown(change / same)
 
     def in_units(models: Models) -> Models:
         return eqx.tree_at(lambda m: m.dynamics.change_scale, models, unit)
