@@ -1,5 +1,7 @@
 """To hold and to pass [D31]: what they count, where it can be counted by hand."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -94,12 +96,14 @@ def test_the_error_is_least_and_zero_at_the_target(target):
     assert errors[1500] == pytest.approx(crossed - entropy, rel=1e-3, abs=1e-4)
 
 
-@pytest.mark.parametrize(("lost", "by"), [(0.0, HOLD), (0.04, HOLD), (0.06, PASS), (1.0, PASS)])
-def test_a_goal_is_held_if_little_is_lost_where_one_is_sent_there_from_there(lost, by):
+@pytest.mark.parametrize(("lost", "off", "by"), [
+    (0.0, 0.0, HOLD), (0.04, 0.2, HOLD), (0.04, 0.3, PASS), (0.06, 0.0, PASS), (1.0, 0.0, PASS),
+])  # fmt: skip
+def test_a_goal_is_passed_until_it_is_met_and_then_held_if_little_is_lost_there(lost, off, by):
     def held(state, goal):
         at_goal = jnp.array_equal(state, goal)
         return jnp.where(at_goal, -lost / (1 - DISCOUNT), -1 / (1 - DISCOUNT))
 
-    values = held, lambda state, goal: jnp.zeros(())
-    assert int(pursued(CONFIG, values, jnp.ones(2))) == by
-    assert int(pursued(CONFIG, values[:1], jnp.ones(2))) == HOLD
+    goal, values = jnp.ones(2), (held, lambda state, goal: jnp.zeros(()))
+    assert int(pursued(CONFIG, SimpleNamespace(values=values), goal - off, goal)) == by
+    assert int(pursued(CONFIG, SimpleNamespace(values=values[:1]), goal - off, goal)) == HOLD

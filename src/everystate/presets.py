@@ -71,6 +71,8 @@ _ANY = _SMALL | {
     "calm_share": 1 / 3,
     "objective": "hold-and-pass",
     "reward_shape": "cusp",
+    "absorb": 0.1,
+    "imagined_absorb": False,
     "relative_errors": True,
     "discount": 0.99,
     "kernel_width": 0.3,

@@ -26,7 +26,7 @@ def act(
 
     def central(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
         every = jnp.stack([policy.central(state, goal) for policy in models.policies])
-        return jnp.clip(every[pursued(config, models.values, goal)], -1, 1)
+        return jnp.clip(every[pursued(config, models, state, goal)], -1, 1)
 
     return jax.vmap(central)(states, goals)
 
@@ -46,7 +46,7 @@ def sample(
     ) -> Float[Array, " a"]:
         latent = jax.random.normal(key, models.policies[0](state, goal).shape)
         every = jnp.stack([policy.at(state, goal, latent) for policy in models.policies])
-        return jnp.clip(every[pursued(config, models.values, goal)], -1, 1)
+        return jnp.clip(every[pursued(config, models, state, goal)], -1, 1)
 
     return jax.vmap(drawn)(states, goals, jax.random.split(key, len(states)))
 
@@ -89,7 +89,7 @@ def values(
     def value(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         every = zip(objectives(config), models.values, strict=True)
         worths = jnp.stack([aim.worth(aim.read(V(state, goal))) for aim, V in every])
-        return worths[pursued(config, models.values, goal)]
+        return worths[pursued(config, models, state, goal)]
 
     return jax.vmap(value)(states, goals)
 

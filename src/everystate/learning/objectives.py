@@ -6,13 +6,12 @@ closeness h of its n + 1 states to the goal, that of where it begins included. A
 and a V for each of its `objectives`.
 """
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from everystate.config import Config
 from everystate.learning import rewards, value
@@ -141,7 +140,7 @@ Objective = PaperSum | Hit
 HOLD, PASS = 0, 1
 """Which of the objectives is which, where there are both."""
 _FIRST_LOGIT = -4.0
-_HELD = 0.05
+_HELD, _NEAR = 0.05, 0.5
 
 
 def objectives(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> tuple[Objective, ...]:
@@ -150,13 +149,24 @@ def objectives(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> tu
     return (held, Hit(config)) if config.objective == "hold-and-pass" else (held,)
 
 
-def pursued(config: Config, values: Sequence[Callable], goal: Float[Array, " s"]) -> Int[Array, ""]:
-    """By which of its objectives an agent goes for a goal: to hold what can be held, or to pass.
+def pursued(
+    config: Config, models: Any, state: Float[Array, " s"], goal: Float[Array, " s"]
+) -> Int[Array, ""]:
+    """By which of its objectives an agent goes for a goal: to pass, until it can be held.
 
-    A goal can be held if it costs little to be sent there from there: V(g, g) of the sum, which
-    goes from 0, for nothing lost at any time, to -1 / (1 - gamma), for all of it.
+    It is held from where it is nearly met, if it can be: if it costs little to be sent there from
+    there. That is V(g, g) of the sum, which goes from 0, for nothing lost at any time, to
+    -1 / (1 - gamma), for all of it.
+
+    Args:
+        config: hyper-parameters.
+        models: anything with `values`, `state_flow` and `dynamics`, as in `Models`.
+        state: s, scaled.
+        goal: g, scaled.
     """
-    if len(values) == 1:
+    if len(models.values) == 1:
         return jnp.zeros((), jnp.int32)
-    can: Bool[Array, ""] = values[HOLD](goal, goal) >= -_HELD / (1 - config.discount)
-    return jnp.where(can, jnp.int32(HOLD), jnp.int32(PASS))
+    place = rewards.placing(config, models)
+    near = objectives(config)[PASS].closeness(place(state), place(goal)) >= _NEAR
+    can = models.values[HOLD](goal, goal) >= -_HELD / (1 - config.discount)
+    return jnp.where(near & can, jnp.int32(HOLD), jnp.int32(PASS))

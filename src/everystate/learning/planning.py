@@ -65,7 +65,7 @@ def plan(
     """
     every = zip(objectives(config), models.policies, models.values, strict=True)
     found = [_search(config, planning, models, *one, state, goal, key) for one in every]
-    return jnp.stack(found)[pursued(config, models.values, goal)]
+    return jnp.stack(found)[pursued(config, models, state, goal)]
 
 
 def _search(
