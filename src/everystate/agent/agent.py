@@ -81,6 +81,9 @@ class Agent:
     ) -> Float32[np.ndarray, "*n action"]:
         """The action, in [-1, 1], that leads from each state towards its goal.
 
+        Where there is a policy to pass goals and one to hold them, the goal is passed until it is
+        nearly met, and then held if it can be [D31].
+
         Without `plan` it is the policy's most central one (z = 0). With it, the first of the best
         few actions in a row that a short search through the learned dynamics and value finds
         (4.2, 4.3): slower, better for some agents, and deterministic for a `seed`; a `Planning`
