@@ -87,14 +87,14 @@ def test_units_fit_a_body_that_moves_so_many_times_as_far_as_it_seemed_to(times)
     assert 0.5 < float(jnp.std(states)) < 1.25  # goals, which units fit, are spread more evenly
 
 
-def test_a_unit_that_is_outgrown_by_less_than_a_quarter_stays():
+def test_a_settled_unit_that_is_outgrown_by_less_than_half_hardly_moves():
     settled = followed(begun(), 50)
-    wider = walk(1.0)._replace(next_observations=walk(1.1).next_observations)
+    wider = walk(1.0)._replace(next_observations=walk(1.2).next_observations)
     more = algorithm.observe(CONFIG, settled, wider)
     after, metrics = grown(CONFIG, more, key=jax.random.key(0))
-    assert 0.9 < float(metrics["units/largest"]) < 1.25
-    assert float(metrics["units/growth"]) == 1
-    assert np.array_equal(after.scale.spread, more.scale.spread)
+    assert 0.9 < float(metrics["units/largest"]) < 1.5
+    np.testing.assert_allclose(after.scale.spread, more.scale.spread, rtol=2e-3)
+    np.testing.assert_allclose(after.scale.centre, more.scale.centre, atol=2e-3)
 
 
 def test_what_is_stored_is_the_same_in_the_bodys_units_after_they_grew():

@@ -12,10 +12,10 @@ from everystate.learning.state import AgentState
 
 _ROUNDING = 1e-6
 _DRAWN = 4096
-_OUTGROWN = 1.25
-"""Spreads above which a unit grows: those of what is learned already stay as they are."""
+_OUTGROWN = 1.5
+"""Spreads above which a unit grows that has settled."""
 _SETTLING = 5.0
-"""Epochs after which a centre moves by a sixteenth of what it is off."""
+"""Epochs after which a unit grows by no more than an eighth of itself."""
 
 
 def of_warm_up(states: Float[Array, "steps bodies s"]) -> Scale:
@@ -31,8 +31,8 @@ def grown(
     """The same in units that have followed what was visited.
 
     Each unit grows to the spread of goals drawn from the buffer, which weighs what is rarely
-    visited more, once that has outgrown it by a quarter, but after n epochs by no more than 1 / n
-    of itself; none ever shrinks. The centre moves to the mean, and settles within a few epochs. The
+    visited more, but after n epochs by no more than (1 + n / 5)^-3 of itself, or 1 / n where that
+    has outgrown it by half; none ever shrinks. The centre moves to the mean, and settles. The
     networks are left as they are and have to follow, and averages of weights that lag behind are
     wrong by as much as the units have moved since: most of all where the body is all but still,
     which is near the centre of its velocities. All else that is kept in units moves with them.
@@ -40,10 +40,12 @@ def grown(
     seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
     spread = jnp.std(seen, axis=0)
     epoch = state.epoch.astype(jnp.float32)
-    shift = 0.5 * (1 + epoch / _SETTLING) ** -3 * jnp.mean(seen, axis=0)
+    settling = (1 + epoch / _SETTLING) ** -3
+    shift = settling / (1 + settling) * jnp.mean(seen, axis=0)
 
     def outgrown(spread: Float[Array, " s"]) -> Float[Array, " s"]:
-        return jnp.where(spread > _OUTGROWN, jnp.clip(spread, 1.0, 1 + 1 / (1 + epoch)), 1.0)
+        most = jnp.where(spread > _OUTGROWN, 1 / (1 + epoch), settling)
+        return jnp.clip(spread, 1.0, 1 + jnp.maximum(most, settling))
 
     factor = outgrown(spread)
 
