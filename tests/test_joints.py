@@ -127,6 +127,8 @@ def test_options_are_checked(arm: str) -> None:
 def test_where_an_ant_has_got_to_follows_from_its_velocities():
     """Against MuJoCo's own x and y, which the ant does not observe."""
     seen, unseen = make("ant", 4, 0, travel=True), make("ant", 4, 0)
+    assert isinstance(seen, MujocoVectorEnv)
+    assert isinstance(unseen, MujocoVectorEnv)
     states = []
     observations, _ = seen.reset(seed=1)
     rng = np.random.default_rng(0)
