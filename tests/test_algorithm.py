@@ -106,9 +106,11 @@ def test_every_model_learns_from_every_update():
     config = preset("test")
     state = start(config)
     after, *_ = eqx.filter_jit(algorithm.update)(config, state)
-    for name, old, new in zip(state.models._fields, state.models, after.models, strict=True):
-        every = zip(old, new, strict=True) if type(old) is tuple else [(old, new)]
-        for one, other in every:
+    every: tuple[dict[str, Any], ...] = tuple(s.models._asdict() for s in (state, after))
+    for name, models in every[0].items():
+        several = models if type(models) is tuple else (models,)
+        others = every[1][name] if type(models) is tuple else (every[1][name],)
+        for one, other in zip(several, others, strict=True):
             pairs = (jax.tree.leaves(eqx.filter(m, eqx.is_array)) for m in (one, other))
             assert not all(map(np.array_equal, *pairs)), name
 
