@@ -1,6 +1,5 @@
 """The search at act time (4.2): known dynamics and values, and what it should find with them."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -11,6 +10,7 @@ from flowjax.distributions import Normal
 
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
+from everystate.learning.models import Models
 from everystate.learning.planning import Planning, plan
 from everystate.presets import preset
 
@@ -33,12 +33,14 @@ class World:
 def known(outcomes: Any, value: Any, actions: int = 1) -> Any:
     """Models whose policy knows nothing."""
     wide = Normal(jnp.zeros(actions), jnp.full(actions, 1.0))
-    return SimpleNamespace(
-        state_flow=Normal(jnp.zeros(2)),
-        dynamics=World(outcomes),
-        policies=(lambda *_: wide,),
-        values=(value,),
-    )
+    parts: dict[str, Any] = {
+        "state_flow": Normal(jnp.zeros(2)),
+        "dynamics": World(outcomes),
+        "policies": (lambda *_: wide,),
+        "curriculum": None,
+        "values": (value,),
+    }
+    return Models(**parts)
 
 
 def pushed(state: Any, action: Any) -> Normal:

@@ -1,5 +1,6 @@
 """Planning at act time through the learned dynamics and value (4.2), a few steps ahead."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
@@ -10,9 +11,8 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
 from everystate.learning.models import Models
-from everystate.learning.networks import Value
 from everystate.learning.objectives import Objective, objectives, pursued
-from everystate.learning.policy import Policy, score
+from everystate.learning.policy import score
 from everystate.learning.rewards import placing
 
 _LEAST_SPREAD = 0.05  # of refined actions, so that equal elites do not end the search
@@ -73,8 +73,8 @@ def _search(
     planning: Planning,
     models: Models,
     aim: Objective,
-    policy: Policy,
-    value: Value,
+    policy: Callable,
+    value: Callable,
     state: Float[Array, " s"],
     goal: Float[Array, " s"],
     key: PRNGKeyArray,
