@@ -1,26 +1,24 @@
 """What d is trained on."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from flowjax.distributions import Normal
 
-from everystate.learning.dynamics import Dynamics
 from everystate.learning.losses import dynamics_loss
 from everystate.learning.replay import Transitions
 from everystate.presets import preset
+from worlds import Known
 
 SCALE, SPREAD = jnp.array([0.1, 2.0]), jnp.array([0.5, 3.0])
 
 
-class Halfway(Dynamics):
+class Halfway(Known):
     """Says that an action leads half as far as it does."""
 
     def __init__(self) -> None:
-        self.change: Any = None
+        super().__init__()
         self.change_scale = SCALE
 
     def central(self, state, action):

@@ -11,6 +11,7 @@ from flowjax.distributions import Normal
 from everystate.learning.imagination import imagined_returns
 from everystate.learning.objectives import objectives
 from everystate.presets import preset
+from worlds import Known
 
 STEP, CERTAIN = 0.2, jnp.full(2, 1e-6)  # how far an action of 1 leads; no noise to speak of
 STATES, GOALS = jnp.array([[0.0, 0.0], [1.0, -2.0]]), jnp.array([[2.0, 0.1], [1.0, 0.0]])
@@ -18,7 +19,7 @@ NO_FLOOR = jnp.array(-jnp.inf)
 
 
 def world(dynamics=lambda s, a: Normal(s + STEP * a, CERTAIN)):
-    return SimpleNamespace(state_flow=Normal(jnp.zeros(2)), dynamics=dynamics)
+    return SimpleNamespace(state_flow=Normal(jnp.zeros(2)), dynamics=Known(dynamics))
 
 
 def policy(gain):

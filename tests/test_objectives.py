@@ -10,6 +10,7 @@ from scipy.special import expit
 
 from everystate.learning.objectives import HOLD, PASS, Hit, PaperSum, objectives, pursued
 from everystate.presets import preset
+from worlds import Known
 
 DISCOUNT = 0.9
 CONFIG = preset("test", "any-body.xml", discount=DISCOUNT)
@@ -105,5 +106,6 @@ def test_a_goal_is_passed_until_it_is_met_and_then_held_if_little_is_lost_there(
         return jnp.where(at_goal, -lost / (1 - DISCOUNT), -1 / (1 - DISCOUNT))
 
     goal, values = jnp.ones(2), (held, lambda state, goal: jnp.zeros(()))
-    assert int(pursued(CONFIG, SimpleNamespace(values=values), goal - off, goal)) == by
-    assert int(pursued(CONFIG, SimpleNamespace(values=values[:1]), goal - off, goal)) == HOLD
+    both, one = (SimpleNamespace(values=v, dynamics=Known()) for v in (values, values[:1]))
+    assert int(pursued(CONFIG, both, goal - off, goal)) == by
+    assert int(pursued(CONFIG, one, goal - off, goal)) == HOLD

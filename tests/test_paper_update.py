@@ -49,7 +49,7 @@ OF_PRESET: dict[str, dict[str, Any]] = {
 TIGHT: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
 NAMES = dict(zip(Models._fields, ("f", "d", "pi", "c", "V"), strict=True))
 """The paper's names of our models."""
-FIXED = ("sign", "shift", "change_scale")
+FIXED = ("sign", "shift", "change_scale", "weights")
 """Numbers that are not learned: d_sgn, the shift that preset `paper` lacks [D7], a unit."""
 
 

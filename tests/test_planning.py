@@ -9,25 +9,12 @@ import pytest
 from flowjax.distributions import Normal
 
 from everystate.errors import EverystateError
-from everystate.learning.flows import decode
 from everystate.learning.models import Models
 from everystate.learning.planning import Planning, plan
 from everystate.presets import preset
+from worlds import Known
 
 CONFIG = preset("test", reward_space="state", k=10.0, absorb=1.0, discount=0.98)
-
-
-class World:
-    """Dynamics by a function."""
-
-    def __init__(self, outcomes: Any) -> None:
-        self._outcomes = outcomes
-
-    def __call__(self, state: Any, action: Any) -> Any:
-        return self._outcomes(state, action)
-
-    def central(self, state: Any, action: Any) -> Any:
-        return decode(self(state, action), jnp.zeros(2))
 
 
 def known(outcomes: Any, value: Any, actions: int = 1) -> Any:
@@ -35,7 +22,7 @@ def known(outcomes: Any, value: Any, actions: int = 1) -> Any:
     wide = Normal(jnp.zeros(actions), jnp.full(actions, 1.0))
     parts: dict[str, Any] = {
         "state_flow": Normal(jnp.zeros(2)),
-        "dynamics": World(outcomes),
+        "dynamics": Known(outcomes),
         "policies": (lambda *_: wide,),
         "curriculum": None,
         "values": (value,),

@@ -14,6 +14,7 @@ from everystate.learning import policy
 from everystate.learning.objectives import objectives
 from everystate.learning.policy import improve, score
 from everystate.presets import preset
+from worlds import Known
 
 # Two sizes for all tests, so that each operation compiles twice at most.
 FEW, MANY = {"j": 20, "N": 5}, {"j": 500, "N": 20}
@@ -31,7 +32,9 @@ def models(dynamics, policy=None):
     """Known dynamics, and a policy that is spread over and beyond the box of actions."""
     spread = Normal(jnp.zeros(2), jnp.full(2, 2.0))
     return SimpleNamespace(
-        state_flow=Normal(jnp.zeros(2)), dynamics=dynamics, policy=policy or (lambda *_: spread)
+        state_flow=Normal(jnp.zeros(2)),
+        dynamics=Known(dynamics),
+        policy=policy or (lambda *_: spread),
     )
 
 

@@ -25,7 +25,9 @@ def backup(config, near, value, floor):
 
 
 def test_components_count_by_what_a_step_changes_them_by() -> None:
-    models = SimpleNamespace(dynamics=SimpleNamespace(change_scale=jnp.array([0.1, 0.2])))
+    models = SimpleNamespace(
+        dynamics=SimpleNamespace(change_scale=jnp.array([0.1, 0.2]), weights=jnp.ones(2))
+    )
     near, far = (
         placing(preset("test", reward_space=space), models) for space in ("state", "steps")
     )

@@ -16,6 +16,7 @@ from everystate.config import Config
 from everystate.learning import episodes as ep
 from everystate.learning import guard
 from everystate.learning import replay as rb
+from everystate.learning.components import asked, unit
 from everystate.learning.draws import Draws, draw
 from everystate.learning.epoch import Metrics, repeated
 from everystate.learning.keys import named
@@ -54,6 +55,8 @@ class Actor(NamedTuple):
     policies: tuple[Policy, ...]
     values: tuple[Value, ...]
     scale: Scale
+    weights: Float[Array, " s"]
+    """Of the components of a state [D39]."""
 
 
 def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray) -> AgentState:
@@ -88,7 +91,8 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
 
 def actor_of(state: AgentState) -> Actor:
     """The part that acts."""
-    return Actor(state.models.policies, state.models.values, state.scale)
+    models = state.models
+    return Actor(models.policies, models.values, state.scale, models.dynamics.weights)
 
 
 def act(
@@ -111,8 +115,9 @@ def act(
 
     values = jax.vmap(value)(states, episodes.goals, episodes.objectives)
     episodes, over = ep.advance(config, episodes, states, values)
-    new_values = jax.vmap(value)(states, draws.goals, draws.objectives)
-    episodes = ep.restart(episodes, over, draws.goals, draws.objectives, new_values)
+    goals = asked(actor.weights, states, draws.goals)
+    new_values = jax.vmap(value)(states, goals, draws.objectives)
+    episodes = ep.restart(episodes, over, goals, draws.objectives, new_values)
 
     def sample(s: Array, g: Array, z: Array, by: Array) -> Float[Array, " a"]:
         every = [policy.at(s, g, z) for policy in actor.policies]
@@ -169,8 +174,8 @@ def update_once(
     models, imagines = state.models, state.kept.dynamics
 
     # (s, g) and (s, a, s') from the buffers; s_c ~ c(s|g) in the place of some s.
-    unit = models.dynamics.change_scale
-    drawn = joined(config, rb.sample(config, state.replay, unit, key=named(key, "replay")))
+    of_step = unit(models.dynamics)
+    drawn = joined(config, rb.sample(config, state.replay, of_step, key=named(key, "replay")))
     minibatch = split(config, drawn)
     pairs = paired(config, models, minibatch, key=key)
     minibatch = minibatch._replace(goals=pairs.goals)

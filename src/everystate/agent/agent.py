@@ -20,6 +20,7 @@ from everystate.agent.performance import Performance
 from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
+from everystate.learning.components import asked
 from everystate.learning.planning import Planning
 
 SHIPPED = Path(__file__).parents[1] / "agents"
@@ -199,7 +200,8 @@ class Agent:
                 f"{len(states)} observations and {len(goals)} goals: give as many of each, or one"
             )
         states, goals = np.broadcast_arrays(states, goals)
-        return jnp.asarray(states), jnp.asarray(goals), single
+        states, goals = jnp.asarray(states), jnp.asarray(goals)
+        return states, asked(self.models.dynamics.weights, states, goals), single
 
 
 def _returned(values: Float[Array, "n *a"], single: bool) -> Float32[np.ndarray, "..."]:

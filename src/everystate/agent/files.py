@@ -34,7 +34,7 @@ ActWith = Literal["policy", "plan"]
 
 FORMAT = 4
 SINGLE = 3
-"""The format of agents with one policy and one V, under other names: read still."""
+"""The format of agents with one policy and one V, whose components all count: read still."""
 UNCHECKED = 2
 """The format before checksums and models: read still, with a warning."""
 BODY = "body"
@@ -153,6 +153,7 @@ def read(
         arrays = {n: np.float32(x) if x.dtype == np.float16 else x for n, x in arrays.items()}
         if description["format"] < FORMAT:
             arrays = {_renamed(name): x for name, x in arrays.items()}
+            arrays["dynamics.weights"] = np.ones(len(body.state_names), np.float32)
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
         return models, Scale(**units), config, body, act_with

@@ -15,6 +15,8 @@ class Dynamics(eqx.Module):
 
     change: Conditional
     change_scale: Float[Array, " s"]
+    weights: Float[Array, " s"]
+    """How much each component counts: see `components`."""
 
     def __call__(
         self, state: Float[Array, " s"], action: Float[Array, " a"]

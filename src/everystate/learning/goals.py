@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning import replay as rb
+from everystate.learning.components import unit
 from everystate.learning.flows import decode
 from everystate.learning.keys import named
 from everystate.learning.models import Models
@@ -34,8 +35,9 @@ def choose_goals(
     rarest = jax.vmap(lambda g: least_likely(flow, g))(goals)
     if config.rare_share == 1:
         return rarest
-    unit = models.dynamics.change_scale
-    others = rb.goal_slots(config, replay, unit, config.num_bodies, key=named(key, "others"))
+    others = rb.goal_slots(
+        config, replay, unit(models.dynamics), config.num_bodies, key=named(key, "others")
+    )
     rare = jax.random.bernoulli(named(key, "rare"), config.rare_share, (config.num_bodies, 1))
     return jnp.where(rare, rarest, replay.transitions.next_observations[others])
 

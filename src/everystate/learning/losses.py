@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.learning.components import unit
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
 from everystate.learning.imagination import imagined_returns
@@ -126,11 +127,13 @@ def dynamics_loss(
         if not config.centres:
             return loss + config.centre_weight * _square(centre - s_noisy)
         change = jax.lax.stop_gradient(centre - s)
-        weight = config.centre_weight / (_STILL**2 + _square(change) / s.size)
+        weight = config.centre_weight / (_STILL**2 + jnp.mean((change / of_step) ** 2))
         return loss + weight * _square(centre - s_next)
 
     def _square(apart: Float[Array, " s"]) -> Float[Array, ""]:
         return jnp.sum((apart / dynamics.scale) ** 2)
+
+    of_step = unit(dynamics)
 
     return jax.vmap(of_one)(t.observations, t.actions, t.next_observations, reached).mean()
 

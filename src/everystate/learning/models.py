@@ -88,6 +88,7 @@ def new_models(
         dynamics=Dynamics(
             centred("d", state_size, state_size + action_size, config.dynamics_layers),
             change_scale,
+            jnp.ones_like(change_scale),
         ),
         policies=tuple(
             Policy(centred(f"pi{aim.suffix}", action_size, seen, config.policy_layers), inputs)

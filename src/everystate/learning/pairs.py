@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.learning.components import asked
 from everystate.learning.curriculum import replaced
 from everystate.learning.flows import decode
 from everystate.learning.keys import named
@@ -28,7 +29,8 @@ class Pairs(NamedTuple):
 def paired(config: Config, models: Models, minibatch: Minibatch, *, key: PRNGKeyArray) -> Pairs:
     """s_c ~ c(s|g) takes the place of s where f makes that likely enough (Algorithm 1).
 
-    And some pairs are a body's own, on its way to a goal [D24].
+    And some pairs are a body's own, on its way to a goal [D24]. No goal asks for what no action
+    changes [D39].
     """
     states, goals, t = minibatch.states, minibatch.goals, minibatch.transitions
     latents = jax.random.normal(named(key, "c"), states.shape)
@@ -42,5 +44,6 @@ def paired(config: Config, models: Models, minibatch: Minibatch, *, key: PRNGKey
         pursued = jax.random.bernoulli(named(key, "pursued"), *chance)
         starts = jnp.where(pursued, t.observations, starts)
         goals = jnp.where(pursued, t.goals, goals)
+    goals = asked(models.dynamics.weights, starts, goals)
     rarity = tuple(-log_prob for log_prob in drawn)
     return Pairs(starts, goals, rarity, use.mean(dtype=jnp.float32))

@@ -136,7 +136,7 @@ _CALMEST_OF = 16
 def goal_slots(
     config: Config,
     replay: Replay,
-    change_scale: Float[Array, " s"],
+    unit: Float[Array, " s"],
     count: int,
     *,
     key: PRNGKeyArray,
@@ -144,7 +144,7 @@ def goal_slots(
     """Slots drawn from the goal buffer, `calm_share` of them such as hardly changed in a step.
 
     Of several drawn for each of these, the one whose s' - s is the least, in units of
-    `change_scale`: without them equilibria, which are what is asked for most and what is hardest to
+    `unit`: without them equilibria, which are what is asked for most and what is hardest to
     hold, are hardly ever drawn [D32].
     """
     how = tempering(config)
@@ -153,7 +153,7 @@ def goal_slots(
         return slots
     several = w.draw(replay.goals, how, count * _CALMEST_OF, key=named(key, "calm"))
     t = replay.transitions
-    change = (t.next_observations[several] - t.observations[several]) / change_scale[None]
+    change = (t.next_observations[several] - t.observations[several]) / unit[None]
     speed = jnp.mean(change**2, axis=1).reshape(count, _CALMEST_OF)
     calmest = several.reshape(count, _CALMEST_OF)[
         jnp.arange(count, dtype=jnp.int32), speed.argmin(axis=1)
@@ -163,12 +163,12 @@ def goal_slots(
 
 
 def sample(
-    config: Config, replay: Replay, change_scale: Float[Array, " s"], *, key: PRNGKeyArray
+    config: Config, replay: Replay, unit: Float[Array, " s"], *, key: PRNGKeyArray
 ) -> Minibatch:
-    """One minibatch from the three buffers; `change_scale` as in `goal_slots`."""
+    """One minibatch from the three buffers; `unit` as in `goal_slots`."""
     size, how = config.batch_size, tempering(config)
     states = w.draw(replay.states, AS_THEY_ARE, size, key=named(key, "states"))
-    goals = goal_slots(config, replay, change_scale, size, key=key)
+    goals = goal_slots(config, replay, unit, size, key=key)
     slots = w.draw(replay.of_transitions, how, size, key=named(key, "transitions"))
     began, reached = replay.transitions.observations, replay.transitions.next_observations
     # num_bodies slots on is the same body one step later (2.3), unless it came to an end between.

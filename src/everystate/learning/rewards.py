@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from everystate.config import Config, RewardShape
+from everystate.learning.components import factors
 from everystate.learning.flows import encode, frozen
 
 Place = Callable[[Float[Array, " s"]], Float[Array, " s"]]
@@ -18,7 +19,8 @@ def placing(config: Config, models: Any) -> Place:
     """Where the reward sees a scaled state: at its latent f_enc(s), or at the state itself [D9].
 
     Or at the state with each component in units of what a step changes it by, so that what takes
-    long to change counts for more [D27]; the factors of all components have a mean square of 1.
+    long to change counts for more [D27]; the factors of all components have a mean square of 1. In
+    all but the latent space components count by their weights [D39].
 
     Args:
         config: `reward_space`.
@@ -27,11 +29,11 @@ def placing(config: Config, models: Any) -> Place:
     if config.reward_space == "latent":
         flow = frozen(models.state_flow)
         return lambda state: encode(flow, state)
+    weights = jax.lax.stop_gradient(models.dynamics.weights)
     if config.reward_space == "steps":
-        weights = 1 / jax.lax.stop_gradient(models.dynamics.change_scale)
-        weights /= jnp.sqrt(jnp.mean(weights**2))
-        return lambda state: state * weights
-    return lambda state: state
+        weights /= jax.lax.stop_gradient(models.dynamics.change_scale) ** 2
+    by_weight = factors(weights)
+    return lambda state: state * by_weight
 
 
 def closeness(

@@ -1,11 +1,13 @@
 """Units that follow what the body learns to do [D33]."""
 
-import equinox as eqx
+from dataclasses import replace
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning import replay as rb
+from everystate.learning.components import counted
 from everystate.learning.keys import named
 from everystate.learning.models import Models, Scale
 from everystate.learning.state import AgentState
@@ -35,7 +37,8 @@ def grown(
     has outgrown it by half; none ever shrinks. The centre moves to the mean, and settles. The
     networks are left as they are and have to follow, and averages of weights that lag behind are
     wrong by as much as the units have moved since: most of all where the body is all but still,
-    which is near the centre of its velocities. All else that is kept in units moves with them.
+    which is near the centre of its velocities. All else that is kept in units moves with them. How
+    much each component counts is found from the same transitions [D39].
     """
     seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
     spread = jnp.std(seen, axis=0)
@@ -61,13 +64,15 @@ def grown(
             goals=moved(t.goals),
         )
     )
-    drawn = rb.drawn_transitions(config, replay, _DRAWN, key=named(key, "drawn"))
-    change = jnp.std(drawn.next_observations - drawn.observations, axis=0)
+    drawn = rb.drawn_transitions(config, state.replay, _DRAWN, key=named(key, "drawn"))
+    change = jnp.std(drawn.next_observations - drawn.observations, axis=0) / factor
     same = state.models.dynamics.change_scale / factor
-    unit = same * outgrown(change / same)
+    of_step = same * outgrown(change / same)
+    weights = counted(state.kept.dynamics, drawn)
 
     def in_units(models: Models) -> Models:
-        return eqx.tree_at(lambda m: m.dynamics.change_scale, models, unit)
+        dynamics = replace(models.dynamics, change_scale=of_step, weights=weights)
+        return models._replace(dynamics=dynamics)
 
     centre, spreads = state.scale
     state = state._replace(
@@ -77,4 +82,8 @@ def grown(
         models=in_units(state.models),
         average=None if state.average is None else in_units(state.average),
     )
-    return state, {"units/growth": jnp.max(factor), "units/largest": jnp.max(spread)}
+    return state, {
+        "units/growth": jnp.max(factor),
+        "units/largest": jnp.max(spread),
+        "units/counted": jnp.sum(weights),
+    }
