@@ -28,6 +28,7 @@ from everystate.learning.pairs import paired
 from everystate.learning.policy import Policy, described, improve
 from everystate.learning.practice import practise
 from everystate.learning.replay import Transitions
+from everystate.learning.rollouts import improve_by_rollouts
 from everystate.learning.sharding import joined, split
 from everystate.learning.state import AgentState
 from everystate.learning.units import grown
@@ -182,8 +183,9 @@ def update_once(
 
     # a_best and v_targ for each (s, g), or for the first of them.
     aims = objectives(config, lowest(config, state.copies))
+    improved = improve_by_rollouts if config.kept_steps else improve
     improvements = [
-        improve(
+        improved(
             config,
             models._replace(dynamics=imagines),
             policy,

@@ -77,6 +77,8 @@ class Config:
     """Sd of noise added to imagined next states, in scaled units (4.3)."""
     imagined_weight: float = 0.0
     """Weight, in the policy's loss, of r + V_targ after steps that it imagines [D25]."""
+    steepest: float = math.inf
+    """Most that a unit of an imagined action gains, in steps: a longer gradient is cut [D41]."""
     imagined_steps: int = 5
     """How many such steps."""
     imagined_absorb: bool = True
@@ -86,6 +88,9 @@ class Config:
     improved_share: float = 1.0
     """Share of a minibatch for which candidates are compared; below 1 V's targets are all
     imagined [D26]."""
+    kept_steps: int = 0
+    """If above 0, candidates are judged by imagined ways, on which they are kept for 1 to this many
+    steps, and lead the policy's centre [D40]; 0 is r + V_targ after one step (paper)."""
     hindsight: bool = True
     """Also fit pi(a|s,g) to transitions, with g a state reached later (2.3)."""
     hindsight_steps: int = 1
@@ -262,6 +267,11 @@ class Config:
             raise EverystateError(
                 f"imagined_targets = {self.imagined_targets} mixes targets of one step into V's, "
                 f"which a hit takes from whole ways alone: set it to 1"
+            )
+        if self.kept_steps > self.imagined_steps:
+            raise EverystateError(
+                f"kept_steps = {self.kept_steps} is more than imagined_steps = "
+                f"{self.imagined_steps}, on which actions are kept: lower it, or raise the other"
             )
         if self.improved_pairs % self.devices:
             raise EverystateError(

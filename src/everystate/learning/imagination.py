@@ -3,7 +3,9 @@
 Stochastic value gradients, SVG(n) of Heess et al. (2015), with d as the model.
 """
 
+import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -11,30 +13,28 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
-from everystate.learning.flows import decode
 from everystate.learning.objectives import Objective
-from everystate.learning.rewards import placing
-
-_FAR = 8.0
-"""Scaled units. d has seen nothing like it, and its gradients there have no end."""
+from everystate.learning.ways import rolled
 
 
-@jax.custom_vjp
-def within(action: Float[Array, " a"]) -> Float[Array, " a"]:
+@partial(jax.custom_vjp, nondiff_argnums=(1,))
+def within(action: Float[Array, " a"], steepest: float = math.inf) -> Float[Array, " a"]:
     """The action within [-1, 1], with a gradient beyond for what leads back (in a loss).
 
     That of a clip is 0 there, and so a policy that was once driven out stayed out: ants on their
     backs pushed with all legs and never tried anything else. Hausknecht and Stone (2016) invert
-    gradients for it.
+    gradients for it. A gradient longer than `steepest` is shortened to that [D41].
     """
     return jnp.clip(action, -1, 1)
 
 
-def _within_bwd(action: Array, cotangent: Array) -> tuple[Array]:
+def _within_bwd(steepest: float, action: Array, cotangent: Array) -> tuple[Array]:
+    length = jnp.sqrt(jnp.sum(cotangent**2))
+    cotangent *= jnp.where(length > steepest, steepest / length, 1.0)
     return (jnp.where((jnp.abs(action) <= 1) | (cotangent * action > 0), cotangent, 0),)
 
 
-within.defvjp(lambda action: (within(action), action), _within_bwd)
+within.defvjp(lambda action, steepest: (within(action, steepest), action), _within_bwd)
 
 
 class Imagined(NamedTuple):
@@ -59,7 +59,8 @@ def imagined_returns(
 ) -> Imagined:
     """For each (s, g) the rewards of `imagined_steps` steps by d, and V_targ after them.
 
-    Their gradient is meant for a loss that has them with a minus: see `within`.
+    Their gradient is meant for a loss that has the mean of `climbed`, times minus
+    `imagined_weight`: see `within`.
 
     Args:
         config: hyper-parameters.
@@ -72,17 +73,14 @@ def imagined_returns(
         key: of the samples of d.
     """
 
-    def of_one(state: Float[Array, " s"], goal: Float[Array, " s"], key: PRNGKeyArray) -> Imagined:
-        def step(state: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
-            outcomes = models.dynamics(state, within(policy(state, goal)))
-            after = decode(outcomes, jax.random.normal(key, outcomes.shape))
-            after = jnp.clip(after, -_FAR, _FAR)
-            return after, aim.closeness(place(after), place(goal))
+    def of_one(state: Array, goal: Array, latents: Float[Array, "steps s"]) -> Imagined:
+        def act(_: Array, s: Float[Array, " s"]) -> Float[Array, " a"]:
+            return within(policy(s, goal), steepest)
 
-        last, near = jax.lax.scan(step, state, jax.random.split(key, steps))
-        near = jnp.concatenate([aim.closeness(place(state), place(goal))[None], near])
-        known = aim.read(target_value(last, goal))
-        return Imagined(aim.climbed(near, known), aim.counted(near, known))
+        way = rolled(config, models, target_value, aim, act, state, goal, latents)
+        return Imagined(aim.climbed(way.near, way.last), aim.counted(way.near, way.last))
 
-    place, steps = placing(config, models), config.imagined_steps
-    return jax.vmap(of_one)(states, goals, jax.random.split(key, len(states)))
+    pairs, size = states.shape
+    steepest = config.steepest * config.imagined_weight / pairs
+    latents = jax.random.normal(key, (pairs, config.imagined_steps, size))
+    return jax.vmap(of_one)(states, goals, latents)

@@ -60,6 +60,10 @@ def gradients(
         aim, improvement, policy = aims[number], improvements[number], new.policies[number]
         actions = noisy(improvement.action, f"pi{aim.suffix}", sd=config.action_noise)
         parts = {"pi": policy_loss(policy, starts[some], goals[some], actions)}
+        if config.kept_steps:
+            parts["better"] = config.imagined_weight * better_loss(
+                policy, starts[some], goals[some], improvement
+            )
         targets = improvement.value
         if config.imagined_weight or config.imagined_targets:
             imagined = imagined_returns(
@@ -76,6 +80,8 @@ def gradients(
             counted = jax.lax.stop_gradient(imagined.counted)
             if config.imagined_targets == 1:
                 targets = counted
+                if config.kept_steps:
+                    targets = counted.at[some].set(improvement.value)
             else:
                 targets += config.imagined_targets * (counted - targets)
         parts["V"] = value_loss(config, aim, new.values[number], starts, goals, targets)
@@ -150,6 +156,17 @@ def policy_loss(
         return policy.fitted(s, g).log_prob(a)
 
     return -jax.vmap(log_prob)(states, goals, actions).mean()
+
+
+def better_loss(
+    policy: Policy,
+    states: Float[Array, "batch s"],
+    goals: Float[Array, "batch s"],
+    improvement: Improvement,
+) -> Float[Array, ""]:
+    """How far the policy's centre is from a_best, squared, by how much that gains [D40]."""
+    apart = jax.vmap(policy.central)(states, goals) - improvement.action
+    return jnp.mean(improvement.gain * jnp.sum(apart**2, axis=1))
 
 
 def curriculum_loss(

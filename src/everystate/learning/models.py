@@ -146,7 +146,19 @@ def _adam(config: Config, name: str) -> optax.GradientTransformation:
         rate = optax.linear_schedule(first, 0.1 * first, cooling, total - cooling)
     elif halving < math.inf:
         rate = partial(_falling, first, halving)
-    return optax.chain(optax.clip_by_global_norm(config.gradient_clip), optax.adam(rate))
+    return optax.chain(_clipped(config.gradient_clip), optax.adam(rate))
+
+
+def _clipped(longest: float) -> optax.GradientTransformation:
+    """Shortens the gradient of each model on its own, also of each of several policies [D6]."""
+    clip = optax.clip_by_global_norm(longest)
+
+    def update(gradients: Any, state: Any, _: Any = None) -> tuple[Any, Any]:
+        if not isinstance(gradients, tuple):
+            return clip.update(gradients, state)
+        return tuple(clip.update(each, state)[0] for each in gradients), state
+
+    return optax.GradientTransformation(clip.init, update)
 
 
 def _falling(first: float, halving: float, step: ArrayLike) -> Float[Array, ""]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.errors import EverystateError
@@ -13,7 +13,7 @@ from everystate.learning.flows import decode
 from everystate.learning.models import Models
 from everystate.learning.objectives import Objective, objectives, pursued
 from everystate.learning.policy import score
-from everystate.learning.rewards import placing
+from everystate.learning.ways import rolled
 
 _LEAST_SPREAD = 0.05  # of refined actions, so that equal elites do not end the search
 
@@ -80,8 +80,6 @@ def _search(
     key: PRNGKeyArray,
 ) -> Float[Array, " a"]:
     key_noise, key_policy, key_random, *keys = jax.random.split(key, 2 + planning.rounds)
-    place = placing(config, models)
-    place_goal = place(goal)
     noises = jax.random.normal(key_noise, (planning.rollouts, planning.horizon, state.size))
 
     def follow(latents: Float[Array, "horizon a"]) -> Float[Array, "horizon a"]:
@@ -95,14 +93,11 @@ def _search(
 
     def worth(actions: Float[Array, "horizon a"]) -> Float[Array, ""]:
         def outcome(noise: Float[Array, "horizon s"]) -> Float[Array, ""]:
-            def one(s: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
-                action, latent = step
-                after = decode(models.dynamics(s, action), latent)
-                return after, aim.closeness(place(after), place_goal)
+            def act(step: Int[Array, ""], _: Array) -> Float[Array, " a"]:
+                return actions[step]
 
-            last, near = jax.lax.scan(one, state, (actions, noise))
-            near = jnp.concatenate([aim.closeness(place(state), place_goal)[None], near])
-            return aim.ahead(near, aim.read(value(last, goal)))
+            way = rolled(config, models, value, aim, act, state, goal, noise)
+            return aim.ahead(way.near, way.last)
 
         return score(config, jax.vmap(outcome)(noises))
 

@@ -60,6 +60,8 @@ class Improvement(NamedTuple):
     """Largest |component| of the imagined next states, in scaled units."""
     evaluated: Float[Array, " batch"]
     """Share of all returns that had to be evaluated to find a_best."""
+    gain: Float[Array, " batch"]
+    """How much more a_best is worth than the policy's centre [D40]; of the paper's, nothing."""
 
 
 def described(aim: Objective, found: Improvement) -> dict[str, Float[Array, ""]]:
@@ -71,6 +73,7 @@ def described(aim: Objective, found: Improvement) -> dict[str, Float[Array, ""]]
         "policy/best_from_policy": found.from_policy.mean(),
         "policy/evaluated": found.evaluated.mean(),
         "policy/off_support": found.off_support.max(),
+        "policy/gain": found.gain.mean(),
     }
     return {f"{name}{aim.suffix}": x for name, x in metrics.items()}
 
@@ -151,6 +154,7 @@ def _improve(
         is_policy.astype(states.dtype),
         jnp.abs(next_states).max(axis=(1, 2, 3)),
         evaluated,
+        jnp.zeros(len(states)),
     )
 
 
