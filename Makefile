@@ -54,13 +54,13 @@ $(PEERS_STAMP): requirements-peers.txt $(STAMP)
 test-peers: peers  ## run the tests of the agents of Stable-Baselines3
 	$(BIN)/python -m pytest -m peers $(TESTS)
 
-scale: $(SCALE_STAMP)  ## install Ray and Optuna for studies on a cluster, searches and `train --collectors`
+scale: $(SCALE_STAMP)  ## install Ray for studies on a cluster and `train --collectors`
 
 $(SCALE_STAMP): requirements-scale.txt $(STAMP)
 	@$(PIP) -r requirements-scale.txt
 	@touch $@
 
-test-scale: scale  ## run the tests of studies and collectors on Ray, and of searches
+test-scale: scale  ## run the tests of studies and collectors on Ray
 	$(BIN)/python -m pytest -m scale $(TESTS)
 
 check: export PYRIGHT_PYTHON_GLOBAL_NODE = 0

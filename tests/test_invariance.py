@@ -1,16 +1,10 @@
 """The cartpoles of experiments/invariance.py are the cartpole, observed in other ways."""
 
-import sys
-from pathlib import Path
-
+import altered
 import numpy as np
 import pytest
 
 from everystate import envs
-
-sys.path.append(str(Path(__file__).parents[1] / "experiments"))
-
-import altered
 
 KINDS = ["Altered", "Rescaled", "Shifted", "Repeated", "Constant", "OfCopy", "Noise"]
 COPIES = 3

@@ -14,7 +14,7 @@ from everystate.agent import config_to_json
 from everystate.cli import main
 from everystate.errors import EverystateError
 from everystate.scaling import cluster
-from everystate.studies import Evaluation, Run, Study, Training, readings, runs, search
+from everystate.studies import Evaluation, Run, Study, Training, readings, runs
 from everystate.studies.plan import read
 from everystate.training.logging import read_metrics
 from waiting import until
@@ -32,20 +32,6 @@ plan = false
 episodes = 10
 """
 CONDITIONS = "[conditions.as-it-is]\n[conditions.no-curriculum]\np_curric = 0.0\n"
-SEARCH = """
-body = "ramp-pointmass"
-preset = "test"
-[evaluation]
-plan = false
-episodes = 10
-[search]
-trials = 3
-metric = "suites/rest/policy/success/max/all/0.5/hit"
-[search.space]
-learning_rate = {low = 1e-4, high = 1e-2, log = true}
-N = {low = 1, high = 4}
-hindsight = {choices = [true, false]}
-"""
 
 
 def write(folder: Path, text: str) -> Path:
@@ -131,22 +117,6 @@ def test_what_is_wrong_in_a_file_is_told(tmp_path: Path, old: str, new: str, sai
         read(write(tmp_path, text))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("trials = 3", "trials = 0", "search.trials = 0"),
-        ("low = 1e-4", "low = 1", "give low and high"),
-        ("N = {low = 1", "N = {low = 0", "N = 0 is out of range"),
-        ("choices = [true, false]", "choice = [true]", "give low and high"),
-        ("high = 1e-2", "high = 7.0", "learning_rate = 7.0 is out of range"),
-        ('preset = "test"', "seeds = 2", "takes one seed, no conditions and no readings"),
-    ],
-)
-def test_what_is_wrong_in_a_search_is_told(tmp_path: Path, old: str, new: str, said: str) -> None:
-    with pytest.raises(EverystateError, match=said):
-        read(write(tmp_path, SEARCH.replace(old, new)))
-
-
 def test_every_run_of_the_committed_studies_can_be_made() -> None:
     files = sorted((ROOT / "experiments").glob("*.toml"))
     assert files
@@ -207,27 +177,6 @@ def test_conditions_of_several_bodies_have_tables_of_their_own(tmp_path: Path) -
     assert "No run of c was finished" in said
 
 
-def test_a_search_goes_on_with_what_it_found(tmp_path: Path) -> None:
-    study = read(write(tmp_path, SEARCH))
-    assert study.search is not None
-    for rate, done in ((1e-3, True), (2e-3, True), (3e-3, False)):
-        values = {"learning_rate": rate, "N": 2, "hindsight": True}
-        run = study.found(values)
-        assert training(run).config.learning_rate == rate
-        if done:
-            keep(run, tmp_path, evaluated(0, rate))
-        (tmp_path / run.name).mkdir(exist_ok=True)
-        (tmp_path / run.name / "values.json").write_text(json.dumps(values))
-    begun, scored = search.points(study, study.search, tmp_path)
-    assert [values["learning_rate"] for values in begun] == [3e-3]
-    assert {score for _, score in scored} == {1.0}
-    assert studies.write(study, tmp_path).count("| trial-") == 2
-    other = read(write(tmp_path, SEARCH.replace("N = {low", "j = {low")))
-    assert other.search is not None
-    with pytest.raises(EverystateError, match="another search"):
-        search.points(other, other.search, tmp_path)
-
-
 READINGS = '[readings]\nnames = ["eval/rest/score/all"]\nepochs = [1, 2]\n'
 
 
@@ -286,15 +235,6 @@ def test_that_ray_is_not_installed_is_told(
     assert main(["sweep", str(path), "--out", str(out), "--ray-address", "auto"]) == 2
     assert "pip install ray" in capsys.readouterr().err
     assert not out.exists()
-
-
-def test_a_search_without_optuna_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(search, "find_spec", lambda name: None)
-    path = write(tmp_path, SEARCH)
-    assert main(["sweep", str(path), "--out", str(tmp_path / "out")]) == 2
-    assert "pip install optuna" in capsys.readouterr().err
 
 
 @pytest.mark.slow

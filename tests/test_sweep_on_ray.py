@@ -1,4 +1,4 @@
-"""Studies on a Ray cluster, and searches by Optuna."""
+"""Studies on a Ray cluster."""
 
 import json
 import subprocess
@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from everystate.studies.plan import read
-from test_sweep import CONDITIONS, SEARCH, SMALL, evaluated, keep, write
+from test_sweep import CONDITIONS, SMALL, write
 from waiting import until
 
 pytestmark = [
@@ -19,7 +18,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning"),  # as in scaling/cluster.py
 ]
 SHORT = SMALL.replace("seeds = 2", "seeds = 1").replace("epochs = 2", "epochs = 1")
-EPOCH = "[options]\nepochs = 1\n[search]"
 LONGER = SHORT.replace("epochs = 1", "epochs = 12")
 
 
@@ -39,19 +37,6 @@ def evaluations(out: Path) -> dict[str, str]:
         result = json.loads(path.read_text())
         found[str(path.parent.relative_to(out))] = json.dumps([result["suites"], result["config"]])
     return found
-
-
-def test_a_search_goes_on_after_what_it_found(tmp_path: Path) -> None:
-    text = SEARCH.replace("trials = 3", "trials = 2").replace("[search]", EPOCH, 1)
-    path, out = write(tmp_path, text), tmp_path / "out"
-    values = {"learning_rate": 1e-3, "N": 2, "hindsight": True}
-    found = read(path).found(values)
-    keep(found, out, evaluated(0, 0.5))
-    (out / found.name / "values.json").write_text(json.dumps(values))
-    done = sweep(path, out)
-    assert done.returncode == 0, done.stderr
-    assert len(evaluations(out)) == 2
-    assert (out / "summary.md").read_text().count("| trial-") == 2
 
 
 def test_a_cluster_that_is_not_there_is_told(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
   train BODY     let an agent teach itself a body, or go on with a run
   evaluate RUN   measure what it can reach [--json]
   compare BODY   train and measure several agents side by side, ours and others'
-  sweep FILE     train and measure many runs: conditions x seeds, or a search [on a cluster]
+  sweep FILE     train and measure many runs: conditions x seeds [on a cluster]
   report RUN     draw a page of pictures of a run
   render RUN     film an agent performing a skill, going to a goal or exploring
   studio RUN     watch an agent in the browser and send it about

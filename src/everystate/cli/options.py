@@ -102,7 +102,7 @@ class Sweep:
     """Trains and measures the runs that a TOML file names, each on one core; docs/scaling.md."""
 
     file: tyro.conf.Positional[Path]
-    """Conditions and seeds, or a search, as everystate/studies/plan.py explains."""
+    """Conditions and seeds, as everystate/studies/plan.py explains."""
     out: Path | None = None
     """Folder of results, by default runs/sweep-FILE; the same command goes on with it."""
     workers: int | None = None

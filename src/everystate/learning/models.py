@@ -153,10 +153,10 @@ def _clipped(longest: float) -> optax.GradientTransformation:
     """Shortens the gradient of each model on its own, also of each of several policies [D6]."""
     clip = optax.clip_by_global_norm(longest)
 
-    def update(gradients: Any, state: Any, _: Any = None) -> tuple[Any, Any]:
-        if not isinstance(gradients, tuple):
-            return clip.update(gradients, state)
-        return tuple(clip.update(each, state)[0] for each in gradients), state
+    def update(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
+        if not isinstance(updates, tuple):
+            return clip.update(updates, state, params)
+        return tuple(clip.update(each, state)[0] for each in updates), state
 
     return optax.GradientTransformation(clip.init, update)
 

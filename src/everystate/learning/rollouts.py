@@ -40,7 +40,7 @@ def improve_by_rollouts(
 
     def of_one(s: Array, g: Array, key: PRNGKeyArray) -> Improvement:
         key_policy, key_random, key_kept, key_ways = jax.random.split(key, 4)
-        own = within(policy.central(s, g))
+        own: Any = within(policy.central(s, g))
         drawn = jax.random.normal(key_policy, (config.j, *own.shape))
         sampled = jnp.clip(jax.vmap(lambda z: policy.at(s, g, z))(drawn), -1, 1)
         at_random = jax.random.uniform(key_random, sampled.shape, minval=-1, maxval=1)

@@ -1,38 +1,25 @@
 """What a study consists of, read from its TOML file.
 
-    body = "ramp-pointmass"
-    preset = "quick"
-    seeds = 3                    # seeds 0, 1, 2; or a list of them
+body = "ramp-pointmass"
+preset = "quick"
+seeds = 3                    # seeds 0, 1, 2; or a list of them
 
-    [options]                    # of `everystate train`, for all runs; names as in `Config`
-    epochs = 60
+[options]                    # of `everystate train`, for all runs; names as in `Config`
+epochs = 60
 
-    [evaluation]                 # of `everystate evaluate`
-    plan = false
+[evaluation]                 # of `everystate evaluate`
+plan = false
 
-    [readings]                   # if any: columns of metrics.jsonl, told for every seed
-    names = ["eval/rest/score/all"]
-    epochs = [40, 60]            # the last one, if none are named
+[readings]                   # if any: columns of metrics.jsonl, told for every seed
+names = ["eval/rest/score/all"]
+epochs = [40, 60]            # the last one, if none are named
 
-    [conditions.as-it-is]        # a table of further options for each condition; none is one
-    [conditions.no-curriculum]   # without any
-    p_curric = 0.0
-    seeds = 5                    # a condition may have a body, preset and seeds of its own
-
-Instead of conditions and seeds, a search has
-
-    [search]
-    trials = 20
-    metric = "score"  # a path into evaluation.json; the greater the better
-
-    [search.space]
-    learning_rate = {low = 1e-4, high = 1e-2, log = true}
-    j = {low = 1, high = 4}
-    relative_goals = {choices = [true, false]}
+[conditions.as-it-is]        # a table of further options for each condition; none is one
+[conditions.no-curriculum]   # without any
+p_curric = 0.0
+seeds = 5                    # a condition may have a body, preset and seeds of its own
 """
 
-import hashlib
-import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -70,40 +57,13 @@ class Readings(NamedTuple):
     epochs: tuple[int, ...] = ()
 
 
-class Range(NamedTuple):
-    """Where a search looks for a number."""
-
-    low: float
-    high: float
-    log: bool = False
-
-
-class Search(NamedTuple):
-    """What is searched, and how it is scored."""
-
-    trials: int
-    metric: str
-    space: Mapping[str, Range | tuple[Any, ...]]
-    """By option of training: a range, or choices."""
-
-    def score(self, result: Mapping[str, Any]) -> float:
-        """The number that the metric is a path to in an evaluation."""
-        found: Any = result
-        for name in self.metric.split("/"):
-            found = found.get(name) if isinstance(found, Mapping) else None
-        if not isinstance(found, (int, float)):
-            raise EverystateError(f"metric = {self.metric!r} is no number in evaluation.json")
-        return float(found)
-
-
 @dataclass(frozen=True)
 class Study:
-    """Conditions x seeds, or a search from one condition."""
+    """Conditions x seeds."""
 
     conditions: Mapping[str, Condition]
     evaluation: Evaluation = field(default_factory=Evaluation)
     readings: Readings | None = None
-    search: Search | None = None
 
     def runs(self) -> list[Run]:
         """All, seed by seed, so that a study that is stopped has first seeds of everything."""
@@ -114,13 +74,6 @@ class Study:
             for name, one in self.conditions.items()
             if seed in one.seeds
         ]
-
-    def found(self, values: Mapping[str, Any]) -> Run:
-        """The run of a search with these values."""
-        digest = hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:8]
-        (one,) = self.conditions.values()
-        config = one._replace(options={**one.options, **values}).config(one.seeds[0])
-        return Run(f"trial-{digest}", Training(config, self.evaluation))
 
 
 def read(path: Path) -> Study:
@@ -137,9 +90,6 @@ def read(path: Path) -> Study:
         study = _study(given)
         for one in study.conditions.values():
             _require_read(study.readings, [one.config(seed) for seed in one.seeds])
-        if study.search:
-            for values in _corners(study.search):
-                study.found(values)
     except EverystateError as error:
         raise EverystateError(f"{path}: {error}") from error
     return study
@@ -156,14 +106,9 @@ def _study(given: Mapping[str, Any]) -> Study:
     named = {name: _table(tables, name) for name in tables} or {"all": {}}
     conditions = {name: _condition(name, {**shared, **own}) for name, own in named.items()}
     readings = _readings(_table(given, "readings")) if "readings" in given else None
-    search = _search(_table(given, "search")) if "search" in given else None
-    if search and (tables or readings or len(conditions["all"].seeds) > 1):
-        raise EverystateError("search: takes one seed, no conditions and no readings")
     evaluation = _table(given, "evaluation")
     _require_known(evaluation, Evaluation._fields, "evaluation.")
-    if search:
-        evaluation = {"split": "tune", **evaluation}
-    return Study(conditions, Evaluation(**evaluation), readings, search)
+    return Study(conditions, Evaluation(**evaluation), readings)
 
 
 def _condition(name: str, given: Mapping[str, Any]) -> Condition:
@@ -203,33 +148,6 @@ def _require_read(readings: Readings | None, configs: Sequence[Config]) -> None:
                     f"readings after epoch {epoch} of {config.epochs}: there are some every"
                     f" {period} epochs; choose such readings.epochs, or another evaluation_period"
                 )
-
-
-def _search(given: Mapping[str, Any]) -> Search:
-    _require_known(given, Search._fields, "search.")
-    trials, metric = given.get("trials"), given.get("metric", "score")
-    if not isinstance(trials, int) or trials < 1:
-        raise EverystateError(f"search.trials = {trials}: give how many, 1 or more")
-    space: dict[str, Range | tuple[Any, ...]] = {}
-    for name, wanted in _table(given, "space").items():
-        try:
-            space[name] = tuple(wanted["choices"]) if "choices" in wanted else Range(**wanted)
-            assert len(space[name]) > 0
-            assert "choices" in wanted or wanted["low"] < wanted["high"]
-        except (TypeError, AssertionError) as error:
-            raise EverystateError(
-                f"search.space.{name} = {wanted}: give low and high (and log = true), or choices"
-            ) from error
-    if not space:
-        raise EverystateError("search.space: name at least one option to search")
-    return Search(trials, str(metric), space)
-
-
-def _corners(search: Search) -> list[dict[str, Any]]:
-    """Values that show whether all are possible: the ends of every range, and every choice."""
-    ends = {name: x[:2] if isinstance(x, Range) else x for name, x in search.space.items()}
-    first = {name: values[0] for name, values in ends.items()}
-    return [first | {name: value} for name, values in ends.items() for value in values]
 
 
 def _table(given: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -41,7 +41,7 @@ class Run(NamedTuple):
     """One run of a study. It is pickled on its way to its process."""
 
     name: str
-    """Its place below the study's folder: CONDITION/seedN, or of a search trial-DIGEST."""
+    """Its place below the study's folder: CONDITION/seedN."""
     task: Task
 
 

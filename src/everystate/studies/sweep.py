@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from everystate.studies import pool, readings, summary
-from everystate.studies import search as searching
 from everystate.studies.plan import Study
 from everystate.studies.runs import Training, finished, require_same
 from everystate.studies.tables import table
@@ -30,8 +29,6 @@ def sweep(
         EverystateError: the folder has runs of other configs by the same names; or there is no such
             cluster, or no Ray.
     """
-    if study.search:
-        return searching.search(study, study.search, out, workers=workers, address=address)
     runs = study.runs()
     for run in runs:
         assert isinstance(run.task, Training)
@@ -41,12 +38,7 @@ def sweep(
 
 
 def write(study: Study, out: Path) -> str:
-    """Writes summary.json, .md and .png, and readings.json and .md; returns the tables.
-
-    Of a search, a row for each run, best first.
-    """
-    if study.search:
-        return searching.write(study.search, out)
+    """Writes summary.json, .md and .png, and readings.json and .md; returns the tables."""
     text = table(summary.write(out, summary.folders(out, study.conditions)))
     if study.readings:
         text += "\n" + readings.write(study.readings, study.conditions, out)
