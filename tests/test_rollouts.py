@@ -24,12 +24,15 @@ STATE, GOAL = jnp.array([[0.0]]), jnp.array([[4 * STEP]])
 class Stays(Policy):
     """A policy whose centre does nothing, and whose samples are anything."""
 
-    def __init__(self) -> None:
+    centre: Any
+
+    def __init__(self, centre: Any = 0.0) -> None:
         self.flow: Any = None
         self.inputs = "goal"
+        self.centre = jnp.asarray(centre)
 
     def central(self, state: Any, goal: Any) -> Any:
-        return jnp.zeros(1)
+        return jnp.zeros(1) + self.centre
 
     def at(self, state: Any, goal: Any, latent: Any) -> Any:
         return latent
@@ -87,11 +90,16 @@ def test_the_worst_way_counts() -> None:
     assert jnp.abs(at_worst.action[0]) <= jnp.abs(on_average.action[0])
 
 
-def test_the_centre_is_led_by_how_much_is_gained() -> None:
+def test_the_centre_is_led_as_steeply_as_is_gained_on_the_way() -> None:
+    """A gain of 2 steps half a unit of action away is a slope of 4."""
     states, goals = jnp.zeros((2, 1)), jnp.ones((2, 1))
-    gains, zeros = jnp.array([2.0, 0.0]), jnp.zeros(2)
+    zeros, gains = jnp.zeros(2), jnp.array([2.0, 0.0])
     found = Improvement(jnp.array([[0.5], [1.0]]), zeros, zeros, zeros, zeros, gains)
-    assert float(better_loss(Stays(), states, goals, found)) == pytest.approx(0.25)
+
+    def loss(centre):
+        return better_loss(Stays(centre), states, goals, found)
+
+    assert float(jax.grad(loss)(jnp.zeros(1))[0]) == pytest.approx(-4)
 
 
 def test_the_same_key_finds_the_same() -> None:

@@ -21,9 +21,9 @@ from everystate.learning.draws import Draws, draw
 from everystate.learning.epoch import Metrics, repeated
 from everystate.learning.keys import named
 from everystate.learning.losses import gradients
-from everystate.learning.models import Models, Scale, new_models, new_optimisers, step
+from everystate.learning.models import Models, Scale, new_models, step
 from everystate.learning.networks import Value
-from everystate.learning.objectives import objectives
+from everystate.learning.objectives import objectives, worths
 from everystate.learning.pairs import paired
 from everystate.learning.policy import Policy, described, improve
 from everystate.learning.practice import practise
@@ -70,24 +70,12 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
         key: the run's random key, from which all others are named.
     """
     change = scale.scaled(warmup.next_observations) - scale.scaled(warmup.observations)
-    state_size, action_size = change.shape[-1], warmup.actions.shape[-1]
+    action_size = warmup.actions.shape[-1]
     # A component that never changed in the warm-up must not divide by zero.
     change_scale = jnp.maximum(jnp.std(change, axis=(0, 1)), 1e-3)
     models = new_models(config, action_size, change_scale, key=named(key, "init"))
-    zero = jnp.zeros((), jnp.int32)
-    empty = AgentState(
-        models=models,
-        target_values=models.values,
-        optimisers=new_optimisers(config, models),
-        replay=rb.empty(config, state_size, action_size),
-        episodes=ep.no_episodes(config, state_size),
-        scale=scale,
-        key=key,
-        epoch=zero,
-        copies=zero,
-        average=models if config.averaged else None,
-    )
-    return observe(config, empty, warmup)
+    begun = AgentState.begun(config, models, action_size, scale, key)
+    return observe(config, begun, warmup)
 
 
 def actor_of(state: AgentState) -> Actor:
@@ -108,11 +96,10 @@ def act(
     Where there are several objectives, an episode is by one of them [D31]. Some bodies may wander
     from where their last episode ended: they act at random [D22].
     """
-    states, aims = actor.scale.scaled(observations), objectives(config)
+    states = actor.scale.scaled(observations)
 
     def value(s: Array, g: Array, by: Array) -> Float[Array, ""]:
-        every = zip(aims, actor.values, strict=True)
-        return jnp.stack([aim.worth(aim.read(V(s, g))) for aim, V in every])[by]
+        return worths(config, actor.values, s, g)[by]
 
     values = jax.vmap(value)(states, episodes.goals, episodes.objectives)
     episodes, over = ep.advance(config, episodes, states, values)
@@ -221,9 +208,7 @@ def update_once(
 
     norms = {f"gradient/{n}": optax.tree.norm(getattr(gradient, n)) for n in Models._fields}
     metrics = {f"loss/{name}": loss for name, loss in losses.items()} | norms | practice
-    metrics["curriculum/used"] = pairs.proposed
-    for aim, improvement in zip(aims, improvements, strict=True):
-        metrics |= described(aim, improvement)
+    metrics |= described(aims, improvements) | {"curriculum/used": pairs.proposed}
     state = state._replace(models=models, optimisers=optimisers, replay=replay)
     learned = drawn._replace(goals=pairs.goals)
     best = jax.tree.map(lambda *x: jnp.concatenate(x), *((i.action, i.value) for i in improvements))

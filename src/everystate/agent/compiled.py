@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Key, PRNGKeyArray
 from everystate.algorithm import Models
 from everystate.config import Config
 from everystate.learning.goals import imagined, least_likely
-from everystate.learning.objectives import objectives, pursued
+from everystate.learning.objectives import objectives, pursued, worths
 from everystate.learning.planning import Planning
 from everystate.learning.planning import plan as search
 
@@ -87,9 +87,8 @@ def values(
     """V, in steps, of the objectives by which the goals are pursued."""
 
     def value(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
-        every = zip(objectives(config), models.values, strict=True)
-        worths = jnp.stack([aim.worth(aim.read(V(state, goal))) for aim, V in every])
-        return worths[pursued(config, models, state, goal)]
+        every = worths(config, models.values, state, goal)
+        return every[pursued(config, models, state, goal)]
 
     return jax.vmap(value)(states, goals)
 

@@ -22,6 +22,9 @@ from everystate.learning.replay import Minibatch, Transitions
 _STILL = 0.1
 """Of a change, in its sds: below this nothing counts for more in d's error [D37]."""
 
+_NEAREST = 0.1
+"""In units of action: nearer to a_best the slope to it is mostly noise [D40]."""
+
 
 def gradients(
     config: Config,
@@ -61,9 +64,8 @@ def gradients(
         actions = noisy(improvement.action, f"pi{aim.suffix}", sd=config.action_noise)
         parts = {"pi": policy_loss(policy, starts[some], goals[some], actions)}
         if config.kept_steps:
-            parts["better"] = config.imagined_weight * better_loss(
-                policy, starts[some], goals[some], improvement
-            )
+            better = better_loss(policy, starts[some], goals[some], improvement)
+            parts["better"] = config.imagined_weight * better / len(starts)
         targets = improvement.value
         if config.imagined_weight or config.imagined_targets:
             imagined = imagined_returns(
@@ -164,9 +166,13 @@ def better_loss(
     goals: Float[Array, "batch s"],
     improvement: Improvement,
 ) -> Float[Array, ""]:
-    """How far the policy's centre is from a_best, squared, by how much that gains [D40]."""
-    apart = jax.vmap(policy.central)(states, goals) - improvement.action
-    return jnp.mean(improvement.gain * jnp.sum(apart**2, axis=1))
+    """What leads the policy's centre to a_best, as steeply as that gains on the way [D40].
+
+    Its gradient is the slope between the two, summed over the pairs.
+    """
+    square = jnp.sum((jax.vmap(policy.central)(states, goals) - improvement.action) ** 2, axis=1)
+    least = jnp.maximum(jax.lax.stop_gradient(square), _NEAREST**2)
+    return jnp.sum(improvement.gain * square / (2 * least))
 
 
 def curriculum_loss(

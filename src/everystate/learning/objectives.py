@@ -6,6 +6,7 @@ closeness h of its n + 1 states to the goal, that of where it begins included. A
 and a V for each of its `objectives`.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -147,6 +148,14 @@ def objectives(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> tu
     """Those of a config; `floor` as in `PaperSum`."""
     held = PaperSum(config, floor)
     return (held, Hit(config)) if config.objective == "hold-and-pass" else (held,)
+
+
+def worths(
+    config: Config, values: Sequence[Callable], state: Float[Array, " s"], goal: Float[Array, " s"]
+) -> Float[Array, " objectives"]:
+    """What the V of each objective says of (s, g), in steps."""
+    every = zip(objectives(config), values, strict=True)
+    return jnp.stack([aim.worth(aim.read(V(state, goal))) for aim, V in every])
 
 
 def pursued(

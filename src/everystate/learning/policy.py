@@ -1,6 +1,6 @@
 """Safe policy improvement: `Update_Value_Function_and_Policy` up to v_targ (4.3, Algorithm 1)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -64,18 +64,22 @@ class Improvement(NamedTuple):
     """How much more a_best is worth than the policy's centre [D40]; of the paper's, nothing."""
 
 
-def described(aim: Objective, found: Improvement) -> dict[str, Float[Array, ""]]:
-    """What is logged of it."""
-    targets = aim.worth(found.value)
-    metrics = {
-        "value/target": targets.mean(),
-        "value/target_min": targets.min(),
-        "policy/best_from_policy": found.from_policy.mean(),
-        "policy/evaluated": found.evaluated.mean(),
-        "policy/off_support": found.off_support.max(),
-        "policy/gain": found.gain.mean(),
-    }
-    return {f"{name}{aim.suffix}": x for name, x in metrics.items()}
+def described(
+    aims: Sequence[Objective], improvements: Sequence[Improvement]
+) -> dict[str, Float[Array, ""]]:
+    """What is logged of them."""
+    metrics: dict[str, Float[Array, ""]] = {}
+    for aim, found in zip(aims, improvements, strict=True):
+        targets = aim.worth(found.value)
+        metrics |= {
+            f"value/target{aim.suffix}": targets.mean(),
+            f"value/target_min{aim.suffix}": targets.min(),
+            f"policy/best_from_policy{aim.suffix}": found.from_policy.mean(),
+            f"policy/evaluated{aim.suffix}": found.evaluated.mean(),
+            f"policy/off_support{aim.suffix}": found.off_support.max(),
+            f"policy/gain{aim.suffix}": found.gain.mean(),
+        }
+    return metrics
 
 
 def score(config: Config, returns: Float[Array, "*candidates N"]) -> Float[Array, "*candidates"]:

@@ -2,13 +2,15 @@
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Int, PRNGKeyArray
 
-from everystate.learning.episodes import Episodes
-from everystate.learning.models import Models, Scale
+from everystate.config import Config
+from everystate.learning.episodes import Episodes, no_episodes
+from everystate.learning.models import Models, Scale, new_optimisers
 from everystate.learning.networks import Value
-from everystate.learning.replay import Replay
+from everystate.learning.replay import Replay, empty
 
 
 class AgentState(NamedTuple):
@@ -24,6 +26,25 @@ class AgentState(NamedTuple):
     epoch: Int[Array, ""]
     copies: Int[Array, ""]  # Of V to V_targ.
     average: Models | None  # Of the weights; None: there is none [D35].
+
+    @classmethod
+    def begun(
+        cls, config: Config, models: Models, action_size: int, scale: Scale, key: PRNGKeyArray
+    ) -> "AgentState":
+        """With untrained models and nothing seen."""
+        zero, (state_size,) = jnp.zeros((), jnp.int32), scale.centre.shape
+        return cls(
+            models=models,
+            target_values=models.values,
+            optimisers=new_optimisers(config, models),
+            replay=empty(config, state_size, action_size),
+            episodes=no_episodes(config, state_size),
+            scale=scale,
+            key=key,
+            epoch=zero,
+            copies=zero,
+            average=models if config.averaged else None,
+        )
 
     @property
     def kept(self) -> Models:
