@@ -1,5 +1,6 @@
 """Steps that the policy imagines [D25]: in a world so simple that they can be counted by hand."""
 
+import math
 from types import SimpleNamespace
 
 import jax
@@ -90,6 +91,33 @@ def test_a_policy_beyond_all_actions_is_led_back_but_no_further_out(beyond):
     slope = jax.grad(loss)
     assert slope(beyond, -beyond) * beyond > 0
     assert slope(beyond, beyond) == 0
+
+
+def test_an_action_gains_so_much_and_no_more():
+    """A slope of V a thousand times as steep moves the policy no more than `steepest` [D41]."""
+    weight, pairs = 50.0, 4
+
+    def slope(steepest, steep):
+        config = configured(imagined_steps=1, imagined_weight=weight, steepest=steepest, k=1e6)
+        aim, *_ = objectives(config)
+        states, goals = jnp.zeros((pairs, 2)), jnp.ones((pairs, 2))
+
+        def loss(actions):
+            def acts(s, g):
+                return actions + 0 * s
+
+            def cliff(s, g):
+                return steep * value(s, g)
+
+            key, known = jax.random.key(0), (config, world(), acts, cliff, aim)
+            returns = imagined_returns(*known, states, goals, key=key)
+            return -weight * returns.climbed.mean()
+
+        return float(jnp.linalg.norm(jax.grad(loss)(jnp.full(2, 0.1)))) / weight
+
+    assert slope(10.0, 1.0) == pytest.approx(slope(math.inf, 1.0))
+    assert slope(math.inf, 1000.0) > 100
+    assert slope(10.0, 1000.0) == pytest.approx(10)
 
 
 def test_the_value_is_held_within_its_bounds():
