@@ -45,6 +45,13 @@ def test_what_only_the_dynamics_can_tell_counts_fully() -> None:
     assert weights_of([0.1 * place], [push]) == 1
 
 
+def test_a_single_component_counts() -> None:
+    place, step = np.random.default_rng(0).normal(size=(2, ROWS))
+    columns = [2 * place], [2 * place + 0.1 * step]
+    known = Known(lambda s, a: Normal(s + a), 1)
+    np.testing.assert_array_equal(jax.jit(counted)(known, visited(*columns)), 1)
+
+
 def test_what_stands_twice_counts_once() -> None:
     place, other, step = np.random.default_rng(0).normal(size=(3, ROWS))
     found = weights_of(

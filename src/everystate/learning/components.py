@@ -34,7 +34,8 @@ def counted(dynamics: Dynamics, t: Transitions) -> Float[Array, " s"]:
     weights = jnp.clip((foreseen - _NOISE) / (_FORESEEN - _NOISE), 0, 1)
     weights = jnp.where(moves, weights, 0)
     apart = (after - jnp.mean(after, axis=0)[None]) / spread[None]
-    alike = jnp.abs(apart.T @ apart / len(after)) ** (2 * _SAME)
+    # Of a single component XLA made NaN of a whole power of the product as it stands.
+    alike = jnp.clip(jnp.abs(apart.T @ apart) / len(after), 0, 1) ** (2.0 * _SAME)
     return weights / jnp.maximum(alike @ weights, 1)
 
 
