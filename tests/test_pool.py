@@ -23,7 +23,7 @@ from everystate.studies import Run, run_all
 from everystate.studies.runs import finished
 from tasks import Counting
 out = Path(sys.argv[1])
-runs = [Run(f"all/seed{i}", Counting(20, 0.05)) for i in range(2)]
+runs = [Run(f"all/seed{i}", Counting(20, 0.25)) for i in range(2)]
 left = [[run] for run in runs if not finished(out / run.name)]
 sys.exit(len(run_all(left, out, workers=2)))
 """
