@@ -261,7 +261,7 @@ def test_an_agent_of_the_format_before_checksums_is_read_with_a_warning(
     told = json.loads((folder / "agent.json").read_text())
     del told["checksum"], told["files"], told["body"]["model_hash"], told["body"]["versions"]
     (folder / "agent.json").write_text(json.dumps(told | {"format": 2}))
-    with pytest.warns(UserWarning, match=r"format 2, without checksums.*export it anew"):
+    with pytest.warns(UserWarning, match=r"format 2, without checksums.*Export it anew"):
         old = load(folder)
     np.testing.assert_array_equal(old.act(STATES, GOALS), agent.act(STATES, GOALS))
     load(old.export(tmp_path / "new"))

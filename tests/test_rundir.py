@@ -76,8 +76,8 @@ def test_a_run_of_an_older_format_is_refused(tmp_path: Path) -> None:
         pass
     told = json.loads((tmp_path / "config.json").read_text())
     del told["body"]
-    (tmp_path / "config.json").write_text(json.dumps(told | {"format": 5}))
-    with pytest.raises(EverystateError, match="has format 5 and this"), open_run(*run):
+    (tmp_path / "config.json").write_text(json.dumps(told | {"format": 7}))
+    with pytest.raises(EverystateError, match="has format 7 and this"), open_run(*run):
         pass
 
 

@@ -94,10 +94,10 @@ def test_closeness_is_one_at_the_goal_and_falls_with_k():
     assert float(closeness(rational, here, there)) == pytest.approx(1 / 1.1)
 
 
-def test_waves_are_the_sines_and_cosines_they_say() -> None:
+def test_waves_are_sines_and_cosines_of_falling_amplitude() -> None:
     x = jnp.linspace(-5, 5, 101)
-    angles = [jnp.pi / 2 * 2**i * x for i in range(4)]
-    direct = [wave(angle) for angle in angles for wave in (jnp.sin, jnp.cos)]
+    octaves = [2**i for i in range(4)]
+    direct = [wave(jnp.pi / 2 * o * x) / o for o in octaves for wave in (jnp.sin, jnp.cos)]
     np.testing.assert_allclose(jnp.stack(waves(x, 4)), jnp.stack(direct), atol=2e-5)
     assert waves(x, 0) == []
 

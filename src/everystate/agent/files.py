@@ -21,6 +21,7 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
+from everystate.agent import formats
 from everystate.agent.arrays import named_arrays, skeleton, with_arrays
 from everystate.algorithm import Models, Scale
 from everystate.config import MODEL_COPY, Config
@@ -32,11 +33,6 @@ if TYPE_CHECKING:
 ActWith = Literal["policy", "plan"]
 """What an agent is best driven by: its policy alone, or the search ahead of planning."""
 
-FORMAT = 4
-SINGLE = 3
-"""The format of agents with one policy and one V, whose components all count: read still."""
-UNCHECKED = 2
-"""The format before checksums and models: read still, with a warning."""
 BODY = "body"
 """The folder with the copy of a model, in a run as in an agent."""
 _ARRAYS, _LIST = "agent.safetensors", f"{BODY}/body.json"
@@ -100,7 +96,7 @@ def write(
         _copy_body(copy, folder / BODY)
         names.append(_LIST)
     description = {
-        "format": FORMAT,
+        "format": formats.FORMAT,
         "everystate": version("everystate"),
         "config": config_to_json(config),
         "body": body._asdict() | {"versions": dict(body.versions)},
@@ -151,9 +147,8 @@ def read(
         models = skeleton(config, len(body.state_names), body.action_size).models
         arrays = safetensors.numpy.load(content)
         arrays = {n: np.float32(x) if x.dtype == np.float16 else x for n, x in arrays.items()}
-        if description["format"] < FORMAT:
-            arrays = {_renamed(name): x for name, x in arrays.items()}
-            arrays["dynamics.weights"] = np.ones(len(body.state_names), np.float32)
+        sizes = len(body.state_names), config.frequencies
+        arrays = formats.brought_up(arrays, description["format"], *sizes)
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
         return models, Scale(**units), config, body, act_with
@@ -164,28 +159,21 @@ def read(
 
 def _require_sound(folder: Path, description: Mapping[str, Any]) -> None:
     """Raises if agent.json is of a format that is not read, or is not what was written."""
-    if description["format"] == UNCHECKED and "checksum" not in description:
+    if description["format"] == formats.UNCHECKED and "checksum" not in description:
         body = description["config"]["body"]
         return warnings.warn(
-            f"the agent in {folder} has format {UNCHECKED}, without checksums: neither damage nor"
-            f" another {body} than it learned on is noticed. For checksums, export it anew:"
+            f"the agent in {folder} has format {formats.UNCHECKED}, without checksums: neither"
+            f" damage nor another {body} than it learned on is noticed. Export it anew:"
             f" everystate.load({str(folder)!r}).export(NEW_FOLDER)",
             stacklevel=4,
         )
-    if description["format"] not in (FORMAT, SINGLE):
+    if description["format"] not in formats.READ:
         raise EverystateError(
             f"the agent in {folder} has format {description['format']} and this everystate "
-            f"reads format {FORMAT}: use everystate {description['everystate']}"
+            f"reads format {formats.FORMAT}: use everystate {description['everystate']}"
         )
     if description["checksum"] != _own_checksum(description):
         raise ValueError("agent.json has another checksum than when it was written")
-
-
-def _renamed(name: str) -> str:
-    """The name of an array of a format before `FORMAT`."""
-    model, _, rest = name.partition(".")
-    model = {"policy": "policies.0", "value": "values.0"}.get(model, model)
-    return f"{model}.{rest}"
 
 
 def _require_same(path: Path, content: bytes, checksum: str) -> None:

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 class Network(eqx.Module):
     """An MLP with `depth` hidden layers of `width` PReLU units (Appendix B).
 
-    With `frequencies` its inputs x are joined by sin and cos of pi x / 2, pi x, 2 pi x, ...: smooth
-    networks of raw coordinates blur a wall between two places for thousands of updates [D13].
+    With `frequencies` its inputs x are joined by `waves`: smooth networks of raw coordinates blur a
+    wall between two places for thousands of updates [D13].
     """
 
     mlp: eqx.nn.MLP
@@ -46,18 +46,24 @@ class Network(eqx.Module):
 
     def __call__(self, x: Float[Array, " inputs"]) -> Float[Array, " outputs"]:
         """One example."""
-        return self.mlp(jnp.concatenate([x, *waves(x, self.frequencies)]))
+        return self.mlp(self.inputs(x))
+
+    def inputs(self, x: Float[Array, " inputs"]) -> Float[Array, " n"]:
+        """What the MLP sees of it."""
+        return jnp.concatenate([x, *waves(x, self.frequencies)])
 
 
 def waves(x: Float[Array, " n"], octaves: int) -> list[Float[Array, " n"]]:
-    """Sine and cosine of pi x / 2, and of so many doublings of it in all.
+    """Sine and cosine of pi x / 2, and of so many doublings of it in all, none of them steeper.
 
-    By the double-angle formulas: sines and cosines take longer than the network's products.
+    The amplitude halves with each doubling. Of equal amplitude the quickest made networks of many
+    inputs so rough that gradients through them were mostly noise.
     """
     sine, cosine = jnp.sin(math.pi / 2 * x), jnp.cos(math.pi / 2 * x)
     result: list[Float[Array, " n"]] = []
-    for _ in range(octaves):
-        result += [sine, cosine]
+    for octave in range(octaves):
+        result += [sine / 2**octave, cosine / 2**octave]
+        # By the double-angle formulas: sines and cosines take longer than the network's products.
         sine, cosine = 2 * sine * cosine, 1 - 2 * sine**2
     return result
 

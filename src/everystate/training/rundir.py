@@ -24,7 +24,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import PRESETS, preset
 
-FORMAT = 7
+FORMAT = 8
 _LOCK = ".lock"
 _PACKAGES = ("everystate", "jax", "jaxlib", "equinox", "flowjax", "optax", "mujoco", "numpy")
 

@@ -1,0 +1,27 @@
+"""Agents of older formats do what they did."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from everystate.agent.formats import STEEP, brought_up
+from everystate.learning.networks import Network
+
+NAME = "values.0.network.mlp.layers.0.weight"
+
+
+def test_weights_for_waves_of_one_amplitude_become_those_for_falling_ones() -> None:
+    octaves, size = 3, 2
+    network = Network(size, 1, width=8, depth=1, frequencies=octaves, key=jax.random.key(0))
+    old = np.asarray(network.mlp.layers[0].weight)
+    new = brought_up({NAME: old}, STEEP, size, octaves)[NAME]
+    x = jnp.array([0.3, -1.2])
+    steep = [w(2.0**o * jnp.pi / 2 * x) for o in range(octaves) for w in (jnp.sin, jnp.cos)]
+    waves = network.inputs(x)
+    np.testing.assert_allclose(new @ waves, old @ jnp.concatenate([x, *steep]), rtol=1e-5)
+
+
+def test_no_other_array_is_touched() -> None:
+    others = {"values.0.network.mlp.layers.1.weight": np.ones((3, 7), np.float32)}
+    found = brought_up(others, STEEP, 2, 3)
+    np.testing.assert_array_equal(*found.values(), *others.values())
