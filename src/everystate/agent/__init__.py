@@ -8,6 +8,7 @@ from everystate.agent.files import (
     BodyInfo,
     config_from_json,
     config_to_json,
+    config_to_plain,
     with_model_copy,
 )
 from everystate.agent.performance import Performance, step_seed
@@ -19,6 +20,7 @@ __all__ = [
     "Performance",
     "config_from_json",
     "config_to_json",
+    "config_to_plain",
     "is_array",
     "keep_compiled_programs",
     "load",

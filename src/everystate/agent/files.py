@@ -254,18 +254,23 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
     return found
 
 
-def config_to_json(config: "DataclassInstance") -> dict[str, Any]:
-    """The fields of a config; JSON has no infinity, so that one is a string, and no tuple.
+def config_to_plain(config: "DataclassInstance") -> dict[str, Any]:
+    """The fields of a config, with lists for tuples.
 
     Where a copy of the model lies is left out: that is true of this machine only.
     """
-    values: dict[str, Any] = {
-        name: str(x) if isinstance(x, float) and math.isinf(x) else x
-        for name, x in asdict(config).items()
-    }
+    values = asdict(config)
     if "body_options" in values:
         values["body_options"] = [x for x in values["body_options"] if not _is_model_copy(x)]
     return {name: list(x) if isinstance(x, tuple) else x for name, x in values.items()}
+
+
+def config_to_json(config: "DataclassInstance") -> dict[str, Any]:
+    """`config_to_plain`, where infinity is a string: JSON has none."""
+    return {
+        name: str(x) if isinstance(x, float) and math.isinf(x) else x
+        for name, x in config_to_plain(config).items()
+    }
 
 
 def config_from_json(values: Mapping[str, Any]) -> Config:

@@ -26,6 +26,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from everystate import config_file
 from everystate.cli.options import (
     Bodies,
     Compare,
@@ -46,23 +47,36 @@ from everystate.presets import preset
 
 def train(argv: list[str], command: str = "train", run_dir: Path | None = None) -> Path:
     """Train an agent, or go on; returns the folder of the run."""
-    named = bool(argv) and not argv[0].startswith("-")
-    if not named and {"-h", "--help"}.isdisjoint(argv):
-        raise EverystateError("name the body first: everystate train BODY [options]")
-    body = argv[0] if named else Train.body
     peek = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     peek.add_argument("--preset", nargs="?")
-    name = peek.parse_known_args(argv)[0].preset or Train.preset
-    defaults = Train(**dataclasses.asdict(preset(name, body)), preset=name, run_dir=run_dir)
+    peek.add_argument("--config", nargs="?", type=Path)
+    early = peek.parse_known_args(argv)[0]
+    given = config_file.read(early.config) if early.config else {}
+    named = bool(argv) and not argv[0].startswith("-")
+    if not named and "body" not in given and {"-h", "--help"}.isdisjoint(argv):
+        raise EverystateError("name the body first: everystate train BODY [options]")
+    given["body"] = body = argv[0] if named else given.get("body", Train.body)
+    of_file = given.pop("preset", Train.preset)
+    name = early.preset or of_file
+    try:
+        numbers = preset(name, **given)
+    except EverystateError as error:
+        raise EverystateError(f"{early.config}: {error}" if early.config else error) from error
+    defaults = Train(**dataclasses.asdict(numbers), preset=name, run_dir=run_dir)
     options = parse(Train, command, argv, defaults)
+    if options.body != body:
+        raise EverystateError(f"name the body first: everystate {command} {options.body} [options]")
     fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(Config)}
     from everystate import training
 
     if (options.hosts, options.coordinator, options.host_id) != (1, None, None):
         training.join(options.hosts, options.coordinator, options.host_id)
+    where = options.run_dir
+    if early.config and not where:
+        where = training.default_run_dir(Config(**fields), early.config.stem)
     body, how = fields.pop("body"), {"progress": "plain" if options.quiet else True}
     with _crew(options.collectors, options.ray_address) as how["crew"]:
-        return training.train(body, preset=name, run_dir=options.run_dir, **how, **fields)
+        return training.train(body, preset=name, run_dir=where, **how, **fields)
 
 
 def _crew(collectors: int, address: str | None) -> contextlib.AbstractContextManager[Any]:

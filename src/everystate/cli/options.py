@@ -23,8 +23,12 @@ class Train(Config):
     preset: str = "quick"
     """Preset: quick (for two cores), any (quick, but with no settings of a body's own), paper,
     literal (paper without stabilisers) or test. It sets the defaults of the options below."""
+    config: Path | None = None
+    """TOML file that sets the body, the preset and any of the options below, as config.toml in the
+    folder of a run; what is given on the command line counts for more."""
     run_dir: Path | None = None
-    """Folder of the run, by default runs/BODY-PRESET-seedSEED."""
+    """Folder of the run, by default runs/BODY-PRESET-seedSEED; with --config the name of its file
+    stands for PRESET."""
     quiet: bool = False
     """A plain line every few epochs instead of a progress bar."""
     ray_address: str | None = None

@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_type_hints
 
 import tyro
 
-FIRST = ("body", "preset", "seed", "epochs", "run_dir", "body_options")
+FIRST = ("body", "preset", "config", "seed", "epochs", "run_dir", "body_options")
 """Of a run, before all else of its own and before the sections."""
 
 

@@ -2,5 +2,6 @@
 
 from everystate.training.hosts import join
 from everystate.training.loop import train
+from everystate.training.rundir import default_run_dir
 
-__all__ = ["join", "train"]
+__all__ = ["default_run_dir", "join", "train"]

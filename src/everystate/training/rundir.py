@@ -1,6 +1,7 @@
 """The folder of a run: whose it is, that only one process writes to it, that nothing is lost.
 
 config.json       the config, what the body's model compiled to, and the versions it ran with
+config.toml       the config, for `everystate train --config`
 body/             a copy of the body's model, if that is a file of its user's own
 metrics.jsonl     one JSON object per epoch
 tensorboard/      the same for TensorBoard
@@ -18,7 +19,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from everystate.agent import BodyInfo, config_to_json
+from everystate import config_file
+from everystate.agent import BodyInfo, config_to_json, config_to_plain
 from everystate.agent.files import BODY, read_json
 from everystate.config import Config
 from everystate.errors import EverystateError
@@ -84,6 +86,7 @@ def open_run(folder: Path, config: Config, body: BodyInfo) -> Iterator[Path]:
         if description["config"] != wanted:
             description = {**description, "config": wanted}
             write_atomically(folder / "config.json", json.dumps(description, indent=2) + "\n")
+            write_atomically(folder / "config.toml", config_file.text(config_to_plain(config)))
         yield folder
 
 
@@ -134,5 +137,5 @@ def _may_go_on(config: Config, epochs: object) -> bool:
 def write_atomically(path: Path, text: str) -> None:
     """Either the old file or the whole new one is there, whatever happens."""
     draft = path.with_name(f".{path.name}.draft")
-    draft.write_text(text)
+    draft.write_text(text, encoding="utf-8")
     os.replace(draft, path)
