@@ -133,6 +133,7 @@ def test_train_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:
     assert asked.pop("run_dir") == Path("here")
     assert asked.pop("progress") == "plain"
     assert asked.pop("crew") is None
+    assert asked.pop("on_epoch") is None
     assert asked.pop("preset") == "test"
     assert preset("test", **asked) == expected
 
@@ -140,7 +141,8 @@ def test_train_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:
 def test_train_takes_the_defaults_of_body_and_preset(calls: list[tuple[str, Any]]) -> None:
     assert cli.main(["train", "cartpole"]) == 0
     ((_, asked),) = calls
-    assert (asked["k"], asked["run_dir"], asked["progress"]) == (10.0, None, True)
+    assert (asked["k"], asked["progress"]) == (10.0, True)
+    assert asked["run_dir"] == Path("runs/cartpole-quick-seed0")
     assert asked["batch_size"] == preset("quick").batch_size
 
 

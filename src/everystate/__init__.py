@@ -17,14 +17,15 @@ if TYPE_CHECKING:
     from everystate.config import Config
     from everystate.errors import EverystateError
     from everystate.presets import preset
-    from everystate.training import train
+    from everystate.training import Tracker, train
 
-__all__ = ["Agent", "Config", "EverystateError", "load", "preset", "train"]
+__all__ = ["Agent", "Config", "EverystateError", "Tracker", "load", "preset", "train"]
 
 _HOMES = {
     "Agent": "agent",
     "Config": "config",
     "EverystateError": "errors",
+    "Tracker": "training",
     "load": "agent",
     "preset": "presets",
     "train": "training",

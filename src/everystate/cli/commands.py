@@ -71,12 +71,22 @@ def train(argv: list[str], command: str = "train", run_dir: Path | None = None) 
 
     if (options.hosts, options.coordinator, options.host_id) != (1, None, None):
         training.join(options.hosts, options.coordinator, options.host_id)
-    where = options.run_dir
-    if early.config and not where:
-        where = training.default_run_dir(Config(**fields), early.config.stem)
+    config = Config(**fields)
+    named = training.default_run_dir(config, early.config.stem if early.config else name)
     body, how = fields.pop("body"), {"progress": "plain" if options.quiet else True}
-    with _crew(options.collectors, options.ray_address) as how["crew"]:
-        return training.train(body, preset=name, run_dir=where, **how, **fields)
+    with (
+        _crew(options.collectors, options.ray_address) as how["crew"],
+        _tracker(options.track, (options.run_dir or named).name, config) as how["on_epoch"],
+    ):
+        return training.train(body, preset=name, run_dir=options.run_dir or named, **how, **fields)
+
+
+def _tracker(tool: Any, name: str, config: Config) -> contextlib.AbstractContextManager[Any]:
+    from everystate import training
+
+    if tool is None or not training.leads():
+        return contextlib.nullcontext()
+    return training.Tracker(tool, name=name, config=dataclasses.asdict(config))
 
 
 def _crew(collectors: int, address: str | None) -> contextlib.AbstractContextManager[Any]:

@@ -31,6 +31,9 @@ class Train(Config):
     stands for PRESET."""
     quiet: bool = False
     """A plain line every few epochs instead of a progress bar."""
+    track: Literal["wandb", "trackio"] | None = None
+    """Send the metrics to this tracker too, which must be installed; its own environment variables
+    set it up, as WANDB_MODE=offline."""
     ray_address: str | None = None
     """Head of the Ray cluster for --collectors, HOST:PORT, or auto for this machine's; by default
     Ray is started on this machine, and stopped in the end."""
