@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Float32
 from numpy.typing import ArrayLike
 
 from everystate import skills
-from everystate.agent import compiled, files
+from everystate.agent import compiled, files, sharing
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import ActWith, BodyInfo
 from everystate.agent.performance import Performance
@@ -157,13 +157,13 @@ class Agent:
     def export(
         self, path: str | Path, scores: Mapping[str, Any] | None = None, *, half: bool = False
     ) -> Path:
-        """Writes the agent to a new folder that `load` reads, anywhere and without running code.
+        """Writes the agent to where `load` reads it, on any machine and without running code.
 
         The copy of a model file that was the user's own goes with it. What drives it best goes too:
         `dataclasses.replace(agent, act_with="plan")` is an agent that says so.
 
         Args:
-            path: the folder; it must not exist.
+            path: the folder or, if it ends in .zip, the one file; it must not exist.
             scores: results to keep with it, anything JSON can hold.
             half: matrices as float16, for half the size; it then acts a little differently.
         """
@@ -210,7 +210,10 @@ def _returned(values: Float[Array, "n *a"], single: bool) -> Float32[np.ndarray,
 
 
 def load(path: str | Path) -> Agent:
-    """The agent in an exported folder or a run folder (its latest), or one shipped, by its name.
+    """The agent in an exported folder or file or a run folder (its latest), or one by its name.
+
+    Names are those of agents that come along, and hf:OWNER/NAME of one on the Hugging Face hub
+    whose files lie on top of its repository; that needs the package huggingface_hub.
 
     If it learned on a model file of its user's, its body is built from the copy in that folder:
     `config.body_options` then has the option `model_copy`. An agent of the format before checksums
@@ -221,7 +224,11 @@ def load(path: str | Path) -> Agent:
     """
     keep_compiled_programs()
     folder = Path(path)
-    if not folder.exists() and (SHIPPED / path).is_dir():
+    if str(path).startswith(sharing.HUB):
+        folder = sharing.from_hub(str(path))
+    elif folder.is_file():
+        folder = sharing.unpack(folder)
+    elif not folder.exists() and (SHIPPED / path).is_dir():
         folder = SHIPPED / path
     if (folder / "agent.json").exists():
         return Agent(*files.read(folder))

@@ -21,7 +21,7 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from everystate.agent import formats
+from everystate.agent import formats, sharing
 from everystate.agent.arrays import named_arrays, skeleton, with_arrays
 from everystate.algorithm import Models, Scale
 from everystate.config import MODEL_COPY, Config
@@ -62,15 +62,19 @@ class BodyInfo(NamedTuple):
 
 
 def export(path: Path, *agent_and_scores: Any) -> Path:
-    """`write` to a new folder, which appears whole or not at all."""
+    """`write` to a new folder or, as NAME.zip, one file; which appears whole or not at all."""
     if path.exists():
-        raise EverystateError(f"{path} exists already: export to a new folder")
+        raise EverystateError(f"{path} exists already: export to another place")
     draft = path.with_name(f".{path.name}.draft")
     try:
         shutil.rmtree(draft, ignore_errors=True)
         draft.mkdir(parents=True)
         write(draft, *agent_and_scores)
-        draft.rename(path)
+        if path.suffix == sharing.ARCHIVE:
+            sharing.pack(draft, path)
+            shutil.rmtree(draft)
+        else:
+            draft.rename(path)
     except OSError as error:
         raise EverystateError(f"cannot export to {path}: {error.strerror}") from error
     return path

@@ -8,8 +8,10 @@
   render RUN     film an agent performing a skill, going to a goal or exploring
   studio RUN     watch an agent in the browser and send it about
   demo           all three on the Ramp Pointmass, in minutes
+  export RUN OUT write its agent to a folder, or to NAME.zip, one file to share
   bodies [BODY]  list the bodies, their states and actions, or describe any other
   skills [BODY]  list the named skills, for `evaluate --skills` and `agent.perform`
+  completion     print a script by which bash or zsh completes all this
 
 `everystate COMMAND --help` lists the options, `everystate --version` says which this is. Exit
 codes: 0 done, 2 a mistake to mend (nothing is written or lost), 130 interrupted by Ctrl-C (saved;
@@ -27,10 +29,13 @@ from pathlib import Path
 from typing import Any
 
 from everystate import config_file
+from everystate.cli.completion import script
 from everystate.cli.options import (
     Bodies,
     Compare,
+    Completion,
     Evaluate,
+    Export,
     Render,
     Report,
     Skills,
@@ -223,6 +228,14 @@ def demo(argv: list[str]) -> None:
     print(f"in Python:   everystate.load({str(run_dir)!r}).act(observation, goal)")
 
 
+def export(argv: list[str]) -> None:
+    """Write the agent of a run to a folder or one file."""
+    options = parse(Export, "export", argv)
+    from everystate import agent
+
+    print(agent.load(options.run).export(options.out, half=options.half))
+
+
 _OTHERS = """\
 Also the path of any MJCF file, NAME.xml, and MODULE:ID for what a module registers with
 Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it. With a run on an
@@ -253,10 +266,22 @@ def skills(argv: list[str]) -> None:
             print(f"  {name}: {skill.text}")
 
 
-COMMANDS = {
-    f.__name__: f
-    for f in (train, evaluate, compare, sweep, report, render, studio, demo, bodies, skills)
-}
+def completion(argv: list[str]) -> None:
+    """Print a script by which a shell completes commands."""
+    print(script(parse(Completion, "completion", argv).shell, KINDS), end="")
+
+
+_FUNCTIONS = (
+    *(train, evaluate, compare, sweep, report, render, studio, demo),
+    *(export, bodies, skills, completion),
+)
+COMMANDS = {f.__name__: f for f in _FUNCTIONS}
+_OPTIONS = (
+    *(Train, Evaluate, Compare, Sweep, Report, Render, Studio),
+    *(Export, Bodies, Skills, Completion),
+)
+KINDS = {kind.__name__.lower(): kind for kind in _OPTIONS} | {"demo": Train}
+"""The options of each command."""
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -5,7 +5,7 @@ import dataclasses
 import io
 import itertools
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_type_hints
 
 import tyro
 
@@ -193,11 +193,34 @@ class Studio(Driven):
 
 
 @dataclasses.dataclass(frozen=True)
+class Export:
+    """Writes the agent of a run to a folder, or to one file to share: NAME.zip."""
+
+    run: tyro.conf.Positional[Path]
+    """Run folder, exported agent, or the name of an agent that comes with everystate."""
+    out: tyro.conf.Positional[Path]
+    """Folder, or NAME.zip, to write to; it must not exist."""
+    half: bool = False
+    """Matrices as float16, for half the size; the agent then acts a little differently."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Bodies:
     """Lists the bodies that are built in, with their states and actions, or describes any other."""
 
     body: tyro.conf.Positional[tuple[str, ...]] = ()
     """Bodies to describe: names, paths of MJCF files, or MODULE:ID."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Completion:
+    """Prints a script by which a shell completes commands, options and their choices.
+
+    In ~/.bashrc or ~/.zshrc: eval "$(everystate completion bash)", or zsh.
+    """
+
+    shell: tyro.conf.Positional[Literal["bash", "zsh"]]
+    """For which shell."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -208,10 +231,24 @@ class Skills:
     """Only those of these bodies."""
 
 
+_PLACED = get_args(tyro.conf.Positional[str])[1]
+"""What marks an argument that is told by its place."""
+
+
+def options_of(kind: type) -> dict[str, Any]:
+    """Every option of a command, with its type; what is told by its place is none."""
+    types = get_type_hints(kind, include_extras=True)
+    known = {
+        f"--{name}".replace("_", "-"): type_
+        for name, type_ in types.items()
+        if _PLACED not in get_args(type_)
+    }
+    return known | {f"--no-{name[2:]}": bool for name, type_ in known.items() if type_ is bool}
+
+
 def parse(kind: type, command: str, argv: list[str], default: Any = tyro.MISSING_NONPROP) -> Any:
     """Options by Tyro, but what is wrong with them in one line, with a suggestion."""
-    known = {f"--{field.name}".replace("_", "-"): field.type for field in dataclasses.fields(kind)}
-    known |= {f"--no-{name[2:]}": bool for name, type_ in known.items() if type_ in (bool, "bool")}
+    known = options_of(kind)
     for argument in argv:
         option = argument.partition("=")[0].replace("_", "-")
         if option.startswith("--") and option not in {*known, "--help"}:
