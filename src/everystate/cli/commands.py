@@ -24,7 +24,6 @@ import dataclasses
 import json
 import sys
 import warnings
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -292,6 +291,8 @@ def main(argv: list[str] | None = None) -> int:
         if not argv or argv[0] in ("-h", "--help"):
             print(__doc__)
         elif argv[0] == "--version":
+            from importlib.metadata import version  # imports an e-mail parser
+
             print("everystate", version("everystate"))
         elif argv[0] not in COMMANDS:
             raise EverystateError(f"unknown command {argv[0]!r}: {suggest(argv[0], COMMANDS)}")

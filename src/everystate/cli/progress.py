@@ -4,16 +4,6 @@ import contextlib
 from collections.abc import Callable, Iterator
 from time import monotonic
 
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-
 Count = Callable[[int, int, float], None]
 PERIOD = 30.0
 """Seconds between plain lines, where there is no terminal to draw a bar on."""
@@ -25,12 +15,19 @@ def working(what: str) -> Iterator[Count]:
 
     What it gives is called with the steps done, all there are, and the share of the work done.
     """
+    from rich import progress  # here, so that a command's help does not wait for it
+    from rich.console import Console
+
     console = Console(stderr=True)
-    columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn()
-    times = TextColumn("left"), TimeRemainingColumn(), TextColumn("so far"), TimeElapsedColumn()
+    says = progress.TextColumn
+    columns = progress.SpinnerColumn(), says("{task.description}"), progress.BarColumn()
+    left, spent = progress.TimeRemainingColumn(), progress.TimeElapsedColumn()
     began = said = monotonic()
-    with Progress(
-        *columns, *times, console=console, transient=True, disable=not console.is_terminal
+    with progress.Progress(
+        *(*columns, says("left"), left, says("so far"), spent),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
     ) as bar:
         task = bar.add_task(what, total=None)
 

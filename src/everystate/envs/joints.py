@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 from mujoco import mjtJoint
-from scipy.spatial.transform import Rotation
 
 from everystate.envs.body import Body, load_model
 from everystate.errors import EverystateError
@@ -259,6 +258,8 @@ def _quaternions(columns: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 4"]:
     spare -= (spare * first).sum(axis=1, keepdims=True) * first
     second = _unit(columns[:, 3:] - along * first, spare)
     matrices = np.stack([first, second, np.cross(first, second)], axis=-1)
+    from scipy.spatial.transform import Rotation  # which takes long to import
+
     return Rotation.from_matrix(matrices).as_quat(canonical=True, scalar_first=True)
 
 

@@ -18,7 +18,6 @@ from pathlib import Path
 import mujoco.batch
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
-from scipy.special import ndtr, ndtri
 
 from everystate.envs.body import Body
 from everystate.errors import EverystateError
@@ -120,6 +119,8 @@ class RampPointmass(Body):
         """Actions plus truncated-normal noise, drawn by inverting its distribution function."""
         if self.noise_sigma == 0.0 or self.noise_bound == 0.0:
             return actions
+        from scipy.special import ndtr, ndtri  # which take long to import
+
         tail = ndtr(-self.noise_bound / self.noise_sigma)
         noise = self.noise_sigma * ndtri(rng.uniform(tail, 1.0 - tail, size=actions.shape))
         return actions + np.clip(noise, -self.noise_bound, self.noise_bound)

@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial.transform import Rotation
 
 from everystate.skills.ant_rules import (
     LEVEL,
@@ -46,6 +45,8 @@ def _facing(heading: float) -> tuple[float, ...]:
 def anyhow(rng: np.random.Generator, num: int) -> Float[np.ndarray, "starts 29"]:
     """Dropped from a height of 0.6 m, in any orientation."""
     states = np.tile(state(0.6, ankles=(LEVEL,) * 4), (num, 1))
+    from scipy.spatial.transform import Rotation  # which takes long to import
+
     turned = Rotation.random(num, rng=rng).as_matrix()
     states[:, 1:7] = np.concatenate([turned[:, :, 0], turned[:, :, 1]], axis=1)
     return states
