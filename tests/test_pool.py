@@ -103,3 +103,14 @@ def test_runs_keep_to_cores_of_their_own(monkeypatch: pytest.MonkeyPatch) -> Non
         assert (first, second, third) == (0, 1, None)
     with pool.one_core() as again:
         assert again == 0
+
+
+def test_where_a_system_does_not_say_which_cores_there_are_all_count(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As on macOS, where none can be chosen either."""
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.delattr(os, "sched_setaffinity")
+    assert pool.usable_cores() == list(range(os.cpu_count() or 1))
+    with pool.one_core() as core:
+        assert core is None

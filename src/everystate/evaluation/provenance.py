@@ -28,12 +28,19 @@ def provenance() -> dict[str, Any]:
         "machine": {
             "cpu": _cpu(),
             "cores": os.cpu_count(),
-            "usable_cores": len(os.sched_getaffinity(0)),
+            "usable_cores": len(usable_cores()),
             "threads": {name: os.environ.get(name) for name in _THREADS},
             "system": platform.system(),
         },
         "versions": {"python": platform.python_version()} | _versions(),
     }
+
+
+def usable_cores() -> list[int]:
+    """Those that this process may run on; all, where the system does not say."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
 
 
 def argv() -> list[str]:

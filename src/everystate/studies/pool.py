@@ -5,7 +5,6 @@ time and makes them one after the other on the same core: what differs between c
 hours of the day then differs between blocks and not within them.
 """
 
-import fcntl
 import os
 import pickle
 import signal
@@ -19,8 +18,9 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+from everystate import locks
 from everystate.errors import EverystateError
-from everystate.evaluation.provenance import argv, command
+from everystate.evaluation.provenance import argv, command, usable_cores
 from everystate.studies.runs import Run
 
 _MOST_ON_RAY = 128
@@ -66,7 +66,7 @@ def opened(out: Path, workers: int | None = None, address: str | None = None) ->
     if workers is not None and workers < 1:
         raise EverystateError(f"workers = {workers}: choose 1 or more")
     if address is None:
-        pool = Pool(out, workers or len(os.sched_getaffinity(0)), make_block)
+        pool = Pool(out, workers or len(usable_cores()), make_block)
         with _closing(pool):
             yield pool
         return
@@ -195,17 +195,17 @@ def _say(line: str) -> None:
 
 @contextmanager
 def one_core() -> Iterator[int | None]:
-    """A core that no other run on this machine has; None if all have one.
+    """A core that no other run on this machine has; None if all have one, or it cannot be chosen.
 
     Runs that share cores wait for each other at every step. The system gives a core up again when
     this process ends, however it ends.
     """
-    locks = Path(tempfile.gettempdir()) / f"everystate-cores-{os.getuid()}"
-    locks.mkdir(exist_ok=True)
-    for core in sorted(os.sched_getaffinity(0)):
-        with (locks / str(core)).open("w") as lock:
+    folder = Path(tempfile.gettempdir()) / f"everystate-cores-{getattr(os, 'getuid', str)()}"
+    folder.mkdir(exist_ok=True)
+    for core in usable_cores() if hasattr(os, "sched_setaffinity") else ():
+        with (folder / str(core)).open("w") as lock:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                locks.lock(lock)
             except BlockingIOError:
                 continue
             yield core

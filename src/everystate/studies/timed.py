@@ -24,6 +24,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.evaluation import raw
 from everystate.evaluation.agents import Agent
+from everystate.evaluation.provenance import usable_cores
 from everystate.peers import acting
 from everystate.peers.agents import PeerConfig
 from everystate.peers.settings import PeerSettings
@@ -102,7 +103,7 @@ class Timed(NamedTuple):
             episodes=self.terms.episodes,
             skills=self.terms.body in SKILLS,
         )
-        cores = sorted(os.sched_getaffinity(0))
+        cores = usable_cores()
         return result | {"agent": self.agent, "minutes": self.terms.minutes, "cores": cores}
 
 

@@ -9,7 +9,6 @@ checkpoints/N/    everything after N epochs, and the agent as it then was
 samples/N.npz     some visited states, the goals and the cells visited, for pictures
 """
 
-import fcntl
 import json
 import os
 import re
@@ -19,7 +18,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from everystate import config_file
+from everystate import config_file, locks
 from everystate.agent import BodyInfo, config_to_json, config_to_plain
 from everystate.agent.files import BODY, read_json
 from everystate.config import Config
@@ -67,7 +66,7 @@ def open_run(folder: Path, config: Config, body: BodyInfo) -> Iterator[Path]:
         raise EverystateError(f"cannot write to {folder}: {error.strerror}") from error
     with lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            locks.lock(lock)
         except BlockingIOError as error:
             raise EverystateError(
                 f"{folder} is in use by another process: wait for it or choose another --run-dir"
