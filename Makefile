@@ -1,14 +1,19 @@
 # Everything a developer types. `make` alone explains itself.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test coverage test-slow test-browser peers test-peers scale test-scale check tables bench docs clean
+.PHONY: help setup demo test coverage test-slow test-browser test-newest peers test-peers scale test-scale check tables bench docs clean
 
-# The first Python 3.11 with its venv module; name another with `make PYTHON=...`.
+# The first Python 3.11, which the pins are tested on, with its venv module; another: `make PYTHON=...`.
 PYTHON ?= $(shell for p in python3.11 python3 python; do \
 	$$p -c 'import ensurepip, sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null \
 	&& echo $$p && break; done)
 BIN := .venv/bin
 STAMP := .venv/.installed
 DOCS_STAMP := .venv/.installed-docs
+# The newest Python that there is, for the newest packages that the ranges allow.
+NEWEST ?= $(shell for p in $$(ls -rdv ~/.pyenv/versions/3.1[2-9].*/bin/python 2>/dev/null) \
+	python3.14 python3.13 python3.12; do \
+	$$p -c 'import ensurepip, sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$p && break; done)
+NEWEST_BIN := .venv-newest/bin
 PEERS_STAMP := .venv/.installed-peers
 SCALE_STAMP := .venv/.installed-scale
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
@@ -44,6 +49,20 @@ test-slow: setup  ## run the tests that take more than seconds
 
 test-browser: setup  ## run the tests of the studio that need Chromium (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest -m browser $(TESTS)
+
+test-newest:  ## build the wheel, and try it on the newest Python and packages
+	@test -n "$(NEWEST)" || { echo "No Python newer than 3.11 was found: name one, make NEWEST=/its/path" >&2; exit 1; }
+	"$(NEWEST)" -m venv --clear .venv-newest
+	@$(NEWEST_BIN)/python -m pip --disable-pip-version-check install --quiet build twine
+	@$(NEWEST_BIN)/python -m build --outdir .venv-newest/dist . >/dev/null
+	$(NEWEST_BIN)/twine check --strict .venv-newest/dist/*
+	@wheel=$$(ls .venv-newest/dist/*.whl); $(NEWEST_BIN)/python -m pip --disable-pip-version-check \
+		install --quiet "$$wheel[hub,track]" beartype hypothesis pytest
+	@$(NEWEST_BIN)/python --version
+	@$(NEWEST_BIN)/python -m pip --disable-pip-version-check list | grep -iE '^(jax|mujoco|numpy|gymnasium) '
+	$(NEWEST_BIN)/everystate demo --preset test --run-dir .venv-newest/run
+	$(NEWEST_BIN)/python -m pytest tests/test_versions.py
+	$(NEWEST_BIN)/python -m pytest -m track tests/test_tracking.py
 
 peers: $(PEERS_STAMP)  ## install Stable-Baselines3 for `everystate compare` (and with it PyTorch)
 
