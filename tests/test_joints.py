@@ -55,6 +55,48 @@ def test_components_follow_the_joints(arm: str) -> None:
     assert body.name == arm
 
 
+def test_a_joint_without_a_name_has_that_of_its_body(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        ARM.replace('freejoint name="base"', "freejoint")
+        .replace('joint name="wheel"', "joint")
+        .replace('<body pos="0.2 0 0"><joint/>', '<body name="elbow" pos="0.2 0 0"><joint/>')
+    )
+    names = JointBody(path).state_names
+    assert list(names[:7]) == ["base_z", *FREE]
+    assert "cos_joint2" in names  # a joint has the name of this one's body already
+
+
+SENSORS = """<sensor><framepos name="base" objtype="body" objname="base"/>
+  <gyro name="turn" site="imu"/><touch site="imu"/><jointpos joint="elbow"/>
+  <velocimeter site="imu"/></sensor></mujoco>"""
+
+
+def test_sensors_are_observed_if_asked_for(arm: str, tmp_path: Path) -> None:
+    path = tmp_path / "sensing.xml"
+    imu = '<geom size="0.1"/><site name="imu"/>'
+    path.write_text(ARM.replace('<geom size="0.1"/>', imu).replace("</mujoco>", SENSORS))
+    plain, env = make(str(path), 2, 0), make(str(path), 2, 0, sensors=True)
+    size = len(plain.state_names)
+    names = ["base_x", "base_y", "sensor_base_z"]  # the joint has a base_z already
+    names += [f"{n}_{axis}" for n in ("turn", "sensor4") for axis in "xyz"]
+    # Not what depends on the action, nor what the joints say already.
+    assert list(env.state_names) == [*plain.state_names, *names]
+    assert env.state_units[size:] == (*["m"] * 3, *["rad/s"] * 3, *["m/s"] * 3)
+    env.step(np.ones((2, 2)))
+    observations, state = env.step(-np.ones((2, 2)))[0], env.get_state()
+    place, (speed, turn) = state["qpos"][:, :3], np.split(state["qvel"][:, :6], 2, axis=1)
+    np.testing.assert_allclose(observations[:, size : size + 3], place, rtol=1e-6)
+    np.testing.assert_allclose(observations[:, size + 3 : size + 6], turn, rtol=1e-6)
+    told = np.linalg.norm(observations[:, size + 6 :], axis=1)
+    np.testing.assert_allclose(told, np.linalg.norm(speed, axis=1), rtol=1e-5)
+    env.set_observations(observations)
+    again = env.observe()[:, size + 3 :]  # where it has got to it was not told
+    np.testing.assert_allclose(again, observations[:, size + 3 :], atol=1e-5)
+    with pytest.raises(EverystateError, match=r"no sensor that can be observed.*framepos"):
+        make(arm, 1, 0, sensors=True)
+
+
 @pytest.mark.parametrize("travel", [False, True])
 def test_a_state_can_be_put_back(arm: str, travel: bool) -> None:
     body = JointBody(Path(arm), travel=travel)

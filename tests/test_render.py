@@ -144,16 +144,35 @@ def test_a_film_without_ffmpeg_is_refused_before_any_work(
     assert video.check_target(tmp_path / "a.gif") == tmp_path / "a.gif"
 
 
-def test_a_body_that_says_nothing_of_its_looks_is_seen_whole_before_a_white_sky() -> None:
+def test_a_body_that_says_nothing_of_its_looks_is_seen_whole_above_a_floor() -> None:
     env = make(str(Path(__file__).parents[1] / "experiments" / "arm.xml"), 1, 0)
     angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     states = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     frames = env.render_states(states, None, *SIZE)
-    inside = frames[:, 2:-2, 2:-2].min(axis=(1, 2, 3))
-    assert (inside < 200).all()
+    assert (frames[:, 2:-2, 2:-2].min(axis=(1, 2, 3)) < 130).all()
     for edge in (frames[:, 0], frames[:, -1], frames[:, :, 0], frames[:, :, -1]):
-        assert edge.min() > 240
+        assert edge.min() > 190
+    assert frames[:, 0].min() > 240  # the sky
+    assert frames[:, -1].max() < 235  # the floor
     assert len(np.unique(frames.reshape(8, -1), axis=0)) == 8
+
+
+def test_a_free_body_is_followed_and_has_no_floor_that_would_not_hold_it(tmp_path: Path) -> None:
+    path = tmp_path / "box.xml"
+    xml = """<mujoco><worldbody><body name="box"><freejoint/><geom type="box" size=".1 .1 .1"/>
+      <body><joint name="arm"/><geom size=".05"/></body></body></worldbody>
+      <actuator><motor joint="arm"/></actuator></mujoco>"""
+    path.write_text(xml)
+    env = make(str(path), 1, 0)
+    high, low = env.reset(seed=0)[0].repeat(2, axis=0)
+    low[0] = high[0] - 3.0
+    frames = env.render_states(np.stack([high, low]), None, *SIZE).astype(int)
+    assert np.abs(frames[0] - frames[1]).mean() < 1  # in the middle both times
+    assert frames[0].min() < 130
+    assert frames[0, -1].min() > 240
+    path.write_text(xml.replace("<worldbody>", '<worldbody><geom type="plane" size="5 5 1"/>'))
+    grounded = make(str(path), 1, 0).render_states(high[None] + 0.0, None, *SIZE)[0]
+    assert 190 < grounded[-1].min() < 235
 
 
 def test_a_body_without_shapes_has_a_view_too() -> None:

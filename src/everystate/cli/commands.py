@@ -9,7 +9,7 @@
   studio RUN     watch an agent in the browser and send it about
   demo           all three on the Ramp Pointmass, in minutes
   export RUN OUT write its agent to a folder, or to NAME.zip, one file to share
-  bodies [BODY]  list the bodies, their states and actions, or describe any other
+  bodies [BODY]  list the bodies, or describe the states and actions of one
   skills [BODY]  list the named skills, for `evaluate --skills` and `agent.perform`
   completion     print a script by which bash or zsh completes all this
 
@@ -244,12 +244,14 @@ textures, includes), and a hash of the model that it compiles to."""
 
 def bodies(argv: list[str]) -> None:
     """List the bodies: those built in, or the ones named."""
-    named = parse(Bodies, "bodies", argv).body
+    options = parse(Bodies, "bodies", argv)
     from everystate import envs
 
-    for name in named or envs.BODIES:
-        print(envs.describe(envs.make(name, 1, 0)), end="\n\n")
-    if not named:
+    how = envs.parse_options(options.body_options)
+    for name in options.body or envs.BODIES:
+        env = envs.make(name, 1, 0, **how)
+        print(envs.describe(env) if options.body else envs.headline(env), end="\n\n")
+    if not options.body:
         print(_OTHERS)
 
 

@@ -206,10 +206,12 @@ class Export:
 
 @dataclasses.dataclass(frozen=True)
 class Bodies:
-    """Lists the bodies that are built in, with their states and actions, or describes any other."""
+    """Lists the bodies that are built in, or describes the states and actions of those named."""
 
     body: tyro.conf.Positional[tuple[str, ...]] = ()
     """Bodies to describe: names, paths of MJCF files, or MODULE:ID."""
+    body_options: tuple[str, ...] = ()
+    """Their options, each as name=value: travel=true, sensors=true."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,7 +14,7 @@ from everystate.envs.adapt import import_module
 from everystate.envs.ant import Ant
 from everystate.envs.body import Body
 from everystate.envs.cartpole import Cartpole
-from everystate.envs.description import description
+from everystate.envs.description import description, headline
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.gymnasium_vector import GymnasiumVectorEnv
 from everystate.envs.joints import JointBody
@@ -38,6 +38,7 @@ __all__ = [
     "RampPointmass",
     "copy_model",
     "describe",
+    "headline",
     "make",
     "own_model",
     "parse_options",

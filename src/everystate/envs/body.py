@@ -11,6 +11,10 @@ from jaxtyping import Bool, Float, Shaped
 
 from everystate.errors import EverystateError
 
+FLOOR = (0.86, 0.87, 0.89, 1.0)
+_BODY = (0.30, 0.48, 0.70, 1.0)
+"""Colours of what has none of its own."""
+
 
 class Body(ABC):
     """A MuJoCo model, how it is driven, and what of it is observed.
@@ -111,7 +115,7 @@ def load_model(xml: Path) -> mujoco.MjModel:
 
 
 def _light(spec: mujoco.MjSpec) -> None:
-    """Gives a file that says nothing of its looks a white sky, and light enough to see it by."""
+    """Gives a file that says nothing of its looks a white sky, light and colours."""
     sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX
     if not any(texture.type == sky for texture in spec.textures):
         flat, white = mujoco.mjtBuiltin.mjBUILTIN_FLAT, [1, 1, 1]
@@ -126,4 +130,15 @@ def _light(spec: mujoco.MjSpec) -> None:
         )
     headlight, untouched = spec.visual.headlight, mujoco.MjSpec().visual.headlight
     if not spec.lights and np.array_equal(headlight.ambient, untouched.ambient):
-        headlight.ambient, headlight.diffuse = [0.42, 0.42, 0.42], [0.5, 0.5, 0.5]
+        headlight.ambient, headlight.diffuse = [0.5, 0.5, 0.5], [0.2, 0.2, 0.2]
+        spec.worldbody.add_light(
+            name="everystate_light",
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            castshadow=False,
+            dir=[0.3, 0.5, -1],
+            diffuse=[0.5, 0.5, 0.5],
+        )
+    plane, grey = mujoco.mjtGeom.mjGEOM_PLANE, spec.default.geom.rgba
+    for geom in spec.geoms:
+        if not geom.material and np.array_equal(geom.rgba, grey):
+            geom.rgba = FLOOR if geom.type == plane else _BODY

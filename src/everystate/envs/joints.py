@@ -2,11 +2,10 @@
 
 import fnmatch
 import functools
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -14,80 +13,11 @@ from jaxtyping import Float, Int
 from mujoco import mjtJoint
 
 from everystate.envs.body import Body, load_model
+from everystate.envs.layout import Component, Layout
+from everystate.envs.sensors import KINDS, sensed
 from everystate.errors import EverystateError
 
 CONTROL_STEP = 0.04  # seconds, about, of an MJCF file that is given without a frame_skip
-_UNIFORM = 1 / math.sqrt(3)  # standard deviation of a uniform variable on [-1, 1]
-
-
-class Component(NamedTuple):
-    """One number of the state."""
-
-    name: str
-    unit: str
-    centre: float = 0.0
-    spread: float = math.nan
-    bound: float = math.inf
-
-
-@dataclass
-class Layout:
-    """The components of a model's state, and where in qpos each lies."""
-
-    components: list[Component] = field(default_factory=list)
-    copied: list[tuple[int, int]] = field(default_factory=list)
-    """Pairs of an index of the state and one of qpos, which are equal."""
-    turning: list[tuple[int, int]] = field(default_factory=list)
-    """The same of a cosine, before its sine, and its angle."""
-    oriented: list[tuple[slice, slice]] = field(default_factory=list)
-    """The same of two columns of a rotation matrix and their quaternion."""
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel, *, travel: bool) -> "Layout":
-        """All positions, then all velocities; x and y of free joints only with `travel`."""
-        layout = cls()
-        for joint in range(model.njnt):
-            layout._pose(model, joint, travel=travel)
-        for joint in range(model.njnt):
-            layout._velocity(model, joint)
-        return layout
-
-    def _pose(self, model: mujoco.MjModel, joint: int, *, travel: bool) -> None:
-        name, kind = _name(model, joint), mjtJoint(model.jnt_type[joint])
-        at = int(model.jnt_qposadr[joint])
-        low, high = model.jnt_range[joint].tolist()
-        limited = bool(model.jnt_limited[joint])
-        if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
-            if kind == mjtJoint.mjJNT_FREE:
-                for axis in range(0 if travel else 2, 3):
-                    self._copy(at + axis, Component(f"{name}_{'xyz'[axis]}", "m", math.nan))
-                at += 3
-            size = len(self.components)
-            self.oriented.append((slice(size, size + 6), slice(at, at + 4)))
-            names = [f"{name}_{column}{axis}" for column in "xy" for axis in "xyz"]
-            self.components += [Component(n, "1", 0.0, _UNIFORM, 1.0) for n in names]
-        elif kind == mjtJoint.mjJNT_HINGE and not (limited and high - low < 2 * math.pi):
-            self.turning.append((len(self.components), at))
-            names = (f"cos_{name}", f"sin_{name}")
-            self.components += [Component(n, "1", 0.0, math.sqrt(0.5), 1.0) for n in names]
-        else:
-            unit = "m" if kind == mjtJoint.mjJNT_SLIDE else "rad"
-            nominal = ((low + high) / 2, (high - low) / 2 * _UNIFORM) if limited else (math.nan,)
-            self._copy(at, Component(name, unit, *nominal))
-
-    def _copy(self, at: int, component: Component) -> None:
-        self.copied.append((len(self.components), at))
-        self.components.append(component)
-
-    def _velocity(self, model: mujoco.MjModel, joint: int) -> None:
-        name, kind = _name(model, joint), mjtJoint(model.jnt_type[joint])
-        if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
-            if kind == mjtJoint.mjJNT_FREE:
-                self.components += [Component(f"{name}_v{axis}", "m/s") for axis in "xyz"]
-            self.components += [Component(f"{name}_w{axis}", "rad/s") for axis in "xyz"]
-        else:
-            unit = "m/s" if kind == mjtJoint.mjJNT_SLIDE else "rad/s"
-            self.components.append(Component(f"{name}_velocity", unit))
 
 
 @dataclass(frozen=True)
@@ -107,6 +37,8 @@ class JointBody(Body):
     """Physics steps per control step; 0 makes control steps of about 40 ms."""
     travel: bool = False
     """Observe x and y of free joints, in metres from the origin."""
+    sensors: bool = False
+    """Observe the file's sensors too, of the kinds in `sensors.KINDS`."""
 
     name = ""  # if it has none of its own, the path of the file as it was given
     source = "your own file"
@@ -121,6 +53,11 @@ class JointBody(Body):
             object.__setattr__(self, "frame_skip", skip)
         if not self.name:
             object.__setattr__(self, "name", str(self.xml))
+        if self.sensors and not self.layout.sensed:
+            raise EverystateError(
+                f"{self.name} has no sensor that can be observed: leave out sensors=true, or add"
+                f" one of these kinds: {', '.join(KINDS)}"
+            )
 
     @functools.cached_property
     def model(self) -> mujoco.MjModel:
@@ -130,11 +67,11 @@ class JointBody(Body):
     @functools.cached_property
     def layout(self) -> Layout:
         """How a state is read off the physics."""
-        return Layout.of(self.model, travel=self.travel)
+        return Layout.of(self.model, travel=self.travel, sensors=self.sensors)
 
     @functools.cached_property
     def state_names(self) -> tuple[str, ...]:
-        """After the joints, as named in the file."""
+        """After the joints and sensors, as named in the file."""
         return tuple(c.name for c in self.layout.components)
 
     @functools.cached_property
@@ -177,7 +114,7 @@ class JointBody(Body):
     def observe(
         self, qpos: Float[np.ndarray, "envs nq"], qvel: Float[np.ndarray, "envs nv"]
     ) -> Float[np.ndarray, "envs state"]:
-        """Positions and velocities of the joints."""
+        """Positions and velocities of the joints, and then what the sensors say."""
         copied, turning = self._indices
         state = np.empty((len(qpos), len(self.layout.components)))
         state[:, copied[0]] = qpos[:, copied[1]]
@@ -187,7 +124,10 @@ class JointBody(Body):
             state[:, turning[0] + 1] = np.sin(angles)
         for columns, quaternion in self.layout.oriented:
             state[:, columns] = _two_columns(qpos[:, quaternion])
-        state[:, -self.model.nv :] = qvel
+        state[:, self.layout.velocities] = qvel
+        if at := self.layout.sensed:
+            found = sensed(self.model, self._data, qpos, qvel)
+            state[:, self.layout.velocities.stop :] = found[:, at]
         return state
 
     def place(
@@ -202,7 +142,7 @@ class JointBody(Body):
             qpos[:, turning[1]] = np.arctan2(sines, cosines)
         for columns, quaternion in self.layout.oriented:
             qpos[:, quaternion] = _quaternions(observations[:, columns])
-        return qpos, np.array(observations[:, -self.model.nv :])
+        return qpos, np.array(observations[:, self.layout.velocities])
 
     @functools.cached_property
     def unseen(self) -> tuple[int, ...]:
@@ -215,7 +155,7 @@ class JointBody(Body):
     ) -> Float[np.ndarray, "steps nq"]:
         """x and y of free joints, from their velocities: between steps about the mean of both."""
         moved = np.zeros((len(observations), self.model.nq))
-        velocities = np.asarray(observations, dtype=np.float64)[:, -self.model.nv :]
+        velocities = np.asarray(observations, dtype=np.float64)[:, self.layout.velocities]
         means = (velocities[1:] + velocities[:-1]) / 2 * self.model.opt.timestep * self.frame_skip
         for x in self.unseen:
             joint = int(np.flatnonzero(self.model.jnt_qposadr == x)[0])
@@ -224,16 +164,16 @@ class JointBody(Body):
         return moved
 
     @functools.cached_property
+    def _data(self) -> mujoco.MjData:
+        return mujoco.MjData(self.model)
+
+    @functools.cached_property
     def _indices(self) -> tuple[Int[np.ndarray, "2 n"], Int[np.ndarray, "2 m"]]:
         return _transposed(self.layout.copied), _transposed(self.layout.turning)
 
 
 def _transposed(pairs: list[tuple[int, int]]) -> Int[np.ndarray, "2 n"]:
     return np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-
-
-def _name(model: mujoco.MjModel, joint: int) -> str:
-    return model.joint(joint).name or f"joint{joint}"
 
 
 def _two_columns(quaternions: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 6"]:

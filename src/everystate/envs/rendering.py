@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from mujoco.rendering.classic import gl_context
 
-from everystate.envs.body import Body
+from everystate.envs.body import FLOOR, Body
 from everystate.errors import EverystateError
 
 GHOST = (0.0, 0.9, 0.2, 0.26)
@@ -48,12 +48,17 @@ def render_states(
         goals = np.broadcast_to(np.asarray(goal, dtype=np.float64), np.shape(observations))
         ghosts = list(body.place(goals)[0] + carried)
     frames = np.empty((len(poses), height, width, 3), dtype=np.uint8)
-    camera = overview(model) if body.camera == -1 else body.camera
+    own, ground = overview(model) if body.camera == -1 else None, _ground(model)
+    free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
     with _renderer(model, width, height) as renderer:
         for number, (frame, pose, ghost_pose) in enumerate(zip(frames, poses, ghosts, strict=True)):
             data.qpos[:] = pose
             mujoco.mj_fwdPosition(model, data)
-            renderer.update_scene(data, camera=camera)
+            if own is not None and len(free):
+                own.lookat[:] = data.xpos[free[0]]
+            renderer.update_scene(data, camera=body.camera if own is None else own)
+            if ground is not None:
+                _add_ground(ground, renderer.scene)
             if ghost_pose is not None:
                 ghost.qpos[:] = ghost_pose
                 mujoco.mj_kinematics(model, ghost)
@@ -68,9 +73,24 @@ def overview(model: mujoco.MjModel) -> mujoco.MjvCamera:
     """A view of all places to which the joints can bring the body from where it was drawn."""
     camera = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, camera)
+    if (ends := _reach(model)) is None:
+        return camera
+    low, high = ends
+    camera.lookat[:] = (low + high) / 2
+    fovy = np.radians(model.vis.global_.fovy)
+    camera.distance = 0.48 * float(np.linalg.norm(high - low)) / np.tan(fovy / 2)
+    free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
+    camera.azimuth, camera.elevation = 90, -20 if free.any() else -10
+    return camera
+
+
+def _reach(
+    model: mujoco.MjModel,
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]] | None:
+    """Corners of a box with all places to which the joints can bring what is seen of the body."""
     moving = (model.body_weldid[model.geom_bodyid] > 0) & (model.geom_rbound > 0)
     if not moving.any():
-        return camera
+        return None
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     hinge, slide = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     ends = []
@@ -83,14 +103,9 @@ def overview(model: mujoco.MjModel) -> mujoco.MjvCamera:
             elif kind == hinge:
                 data.qpos[at] = rng.uniform(-np.pi, np.pi)
         mujoco.mj_kinematics(model, data)
-        reach = model.geom_rbound[moving, None]
-        ends += [data.geom_xpos[moving] - reach, data.geom_xpos[moving] + reach]
-    low, high = np.concatenate(ends).min(axis=0), np.concatenate(ends).max(axis=0)
-    camera.lookat[:] = (low + high) / 2
-    fovy = np.radians(model.vis.global_.fovy)
-    camera.distance = 0.48 * float(np.linalg.norm(high - low)) / np.tan(fovy / 2)
-    camera.azimuth, camera.elevation = 90, -10
-    return camera
+        around = model.geom_rbound[moving, None]
+        ends += [data.geom_xpos[moving] - around, data.geom_xpos[moving] + around]
+    return np.concatenate(ends).min(axis=0), np.concatenate(ends).max(axis=0)
 
 
 class Along(NamedTuple):
@@ -137,6 +152,25 @@ def _add_ghost(
         geom.rgba[:] = GHOST
         geom.emission = 0.3
         geom.size[:] *= scale
+
+
+def _ground(model: mujoco.MjModel) -> float | None:
+    """How high the floor lies that is drawn below a body held in the air; None where there is one.
+
+    Nor has a body that could fall on it a floor that is not there.
+    """
+    fixed = model.body_weldid[model.geom_bodyid] == 0
+    falls = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
+    ends = None if fixed.any() or falls.any() else _reach(model)
+    return None if ends is None else float(ends[0][2])
+
+
+def _add_ground(height: float, scene: mujoco.MjvScene) -> None:
+    geom, flat = scene.geoms[scene.ngeom], np.eye(3).ravel()
+    plane, color = mujoco.mjtGeom.mjGEOM_PLANE, np.array(FLOOR, dtype=np.float32)
+    size, where = np.array([100.0, 100.0, 1.0]), np.array([0.0, 0.0, height])
+    mujoco.mjv_initGeom(geom, plane, size, where, flat, color)
+    scene.ngeom += 1
 
 
 def _add_trail(
