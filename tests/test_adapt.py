@@ -1,5 +1,6 @@
 """Other people's environments: what is taken, what is refused, ends, states, disturbances."""
 
+import functools
 import sys
 import types
 from collections.abc import Iterator
@@ -10,7 +11,15 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from everystate.envs import BodyVectorEnv, GymnasiumVectorEnv, MujocoVectorEnv, make, parse_options
+from everystate.envs import (
+    BodyVectorEnv,
+    Cartpole,
+    GymnasiumVectorEnv,
+    MujocoVectorEnv,
+    body_of,
+    make,
+    parse_options,
+)
 from everystate.errors import EverystateError
 
 STATE = spaces.Box(-np.inf, np.inf, (2,), dtype=np.float64)
@@ -104,6 +113,38 @@ def test_a_users_module_is_found_and_its_time_limit_removed() -> None:
     env = counters()
     counts = [result[0][:, 0].tolist() for result in still(env, 12)]
     assert counts == [[step, step] for step in range(1, 13)]
+
+
+def limited(ends_at: int | None = None) -> gymnasium.Env:
+    """What a user's own function makes."""
+    inner = gymnasium.wrappers.TimeLimit(Counter(ends_at=ends_at), 2)
+    return gymnasium.wrappers.OrderEnforcing(inner)
+
+
+@pytest.mark.parametrize("factory", [limited, Counter])
+def test_a_function_or_class_that_makes_environments_is_a_body(factory: Any) -> None:
+    body = body_of(factory)
+    assert body == f"test_adapt:{factory.__name__}"
+    counts = [result[0][:, 0].tolist() for result in still(make(body, 2, 0), 5)]
+    assert counts == [[step, step] for step in range(1, 6)]  # its time limit is taken off
+    assert still(make(body, 1, 0, ends_at=3), 3)[-1][2].all()
+    with pytest.raises(EverystateError, match="does not take these options"):
+        make(body, 1, 0, wings=2)
+
+
+def test_what_cannot_be_found_again_is_no_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    def local() -> gymnasium.Env:
+        return Counter()
+
+    for factory in (local, lambda: Counter(), functools.partial(limited, 3), Counter().reset):
+        with pytest.raises(EverystateError, match=r"cannot be found again.*a module of its own"):
+            body_of(factory)
+    monkeypatch.setattr(limited, "__module__", "__main__")
+    with pytest.raises(EverystateError, match="'limited' cannot be found again"):
+        body_of(limited)
+    with pytest.raises(EverystateError, match=r"test_adapt:counters makes a \w+: expected one"):
+        make("test_adapt:counters", 1, 0)
+    assert body_of(Cartpole) == "cartpole"
 
 
 def test_a_constructor_without_arguments_will_do() -> None:

@@ -91,6 +91,10 @@ def test_it_says_what_it_is_in_a_line(agent: Agent) -> None:
     assert agent.action_names == ("action_0", "action_1")
     assert agent.units == {"x": (1.0, 0.5), "speed": (-2.0, 4.0)}
     assert agent.units["speed"].spread == 4.0
+    assert agent.observation_space.contains(STATES[0].astype(np.float32))
+    assert agent.observation_space.shape == (2,)
+    assert agent.action_space.contains(agent.act(STATES[0], GOALS[0]))
+    assert not agent.action_space.contains(np.array([1.1, 0.0], np.float32))
 
 
 @pytest.mark.parametrize("name", envs.BODIES)
@@ -303,7 +307,8 @@ def test_every_config_survives_json() -> None:
 
 def test_the_public_names_are_there() -> None:
     for name in everystate.__all__:
-        assert getattr(everystate, name).__name__ == name
+        assert getattr(everystate, name).__name__.rpartition(".")[2] == name
+        assert everystate.__getattr__(name) is getattr(everystate, name)  # if never used before
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = everystate.nothing
 

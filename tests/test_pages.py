@@ -1,5 +1,7 @@
 """README and tutorial do what they say: every block of theirs is run, in reading order."""
 
+import functools
+import inspect
 import re
 import shlex
 import urllib.request
@@ -8,8 +10,10 @@ from typing import Any
 
 import pytest
 
-from everystate import cli, presets
+import everystate
+from everystate import Agent, cli, presets
 from everystate.evaluation import suites
+from everystate.training import train
 from everystate.viewing.studio import Studio
 
 ROOT = Path(__file__).parents[1]
@@ -70,6 +74,30 @@ def read(page: str, names: dict[str, str]) -> dict[str, Any]:
             for line in indented.splitlines():
                 run(line, names)
     return left
+
+
+def test_what_readme_says_stands_here_for_what_is_known_elsewhere_is_there() -> None:
+    page = (ROOT / "README.md").read_text()
+    table = re.search(r"\| there \| here \|\n(?:\|.*\n)+", page)
+    assert table
+    code = [part for row in table[0].splitlines()[2:] for part in re.findall("`(.+?)`", row)]
+    found = [name for part in code for name in re.findall(r"(?<![\w.])(everystate\.[\w.]+)", part)]
+    assert len(found) >= 8
+    for name in found:
+        functools.reduce(getattr, name.split(".")[1:], everystate)
+    asked = [name for part in code for name in re.findall(r"(?<![\w.])agent\.(\w+)", part)]
+    assert {"predict", "export", "units", "observation_space", "action_space"} <= set(asked)
+    assert all(hasattr(Agent, name) for name in asked)
+    known = {**inspect.signature(train).parameters, **presets.preset("test").__dict__}
+    given = [
+        name
+        for part in code
+        if part.startswith("everystate.train(")
+        for name in re.findall(r"(\w+)=", part)
+    ]
+    assert {"on_epoch", "evaluation_period"} <= set(given) <= set(known)
+    commands = [part.split()[1] for part in code if part.startswith("everystate ")]
+    assert set(commands) == {"evaluate", "train"}
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ Most tests learn nothing: a stand-in learner leaves the loop its schedule. Two t
 """
 
 import functools
+import importlib
 import itertools
 import json
 import logging
@@ -12,7 +13,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -90,9 +91,9 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[int]]:
             if record.getMessage().startswith("Compiling"):
                 compiled.append(record.getMessage()[:200])
 
-    def epoch(self: Log, metrics: dict[str, int | float]) -> None:
+    def epoch(self: Log, metrics: dict[str, int | float]) -> bool:
         counts.append(len(compiled))
-        write(self, metrics)
+        return write(self, metrics)
 
     write, logger, counter = Log.epoch, logging.getLogger("jax"), Counter()
     logger.addHandler(counter)
@@ -289,6 +290,65 @@ def test_ctrl_c_saves_the_last_whole_epoch(
     assert shown.count("compiled, and epoch") == shown.count(f"and epoch {done + 1} done") == 1
     straight = quietly(run_dir=tmp_path / "straight", epochs=4, checkpoint_period=4)
     assert timeless(run) == timeless(straight)
+
+
+@pytest.mark.usefixtures("no_learning")
+@pytest.mark.parametrize("answer", [False, np.False_])
+def test_a_callback_that_says_false_stops_the_run_which_goes_on_later(
+    tmp_path: Path, capsys: pytest.CaptureFixture, answer: Any
+) -> None:
+    asked: dict[str, Any] = {"epochs": 4, "checkpoint_period": 3}
+    run, seen = tmp_path / "run", []
+
+    def stop(metrics: Mapping[str, int | float]) -> bool | None:
+        seen.append(metrics["epoch"])
+        return answer if metrics["epoch"] == 2 else None
+
+    train(BODY, preset="test", run_dir=run, progress="plain", on_epoch=stop, **asked)
+    assert seen == [1, 2]
+    assert checkpoints(run) == ["000002"]
+    assert "stopped by on_epoch" in capsys.readouterr().out
+    quietly(run_dir=run, on_epoch=lambda metrics: True, **asked)
+    straight = quietly(run_dir=tmp_path / "straight", **asked)
+    assert timeless(run) == timeless(straight)
+
+
+FACTORY = """
+import gymnasium, numpy as np
+
+class Still(gymnasium.Env):
+    observation_space = action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        return np.zeros(2, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(2, np.float32), 0.0, False, False, {}
+
+def make_env(limit=3):
+    return gymnasium.wrappers.TimeLimit(Still(), limit)
+"""
+
+
+@pytest.mark.usefixtures("no_learning")
+def test_a_run_on_what_makes_environments_is_one_on_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    Path("my_envs.py").write_text(FACTORY)
+    my_envs = importlib.import_module("my_envs")
+    run = train(my_envs.make_env, preset="test", epochs=1, progress=False)
+    assert run == Path("runs/my_envs-make_env-test-seed0")
+    assert everystate.load(run).config.body == "my_envs:make_env"
+    assert train("my_envs:make_env", preset="test", epochs=2, progress=False) == run
+    assert len(read_metrics(run)) == 2
+    assert train(envs.RampPointmass, preset="test", epochs=1, progress=False).name == (
+        "ramp-pointmass-test-seed0"
+    )
+    with pytest.raises(EverystateError, match=r"lambda.*a module of its own"):
+        train(lambda: my_envs.make_env(), preset="test")
+    del sys.modules["my_envs"]
 
 
 def test_metrics_that_are_not_finite_stop_the_run(

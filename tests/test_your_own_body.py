@@ -237,9 +237,38 @@ def test_a_class_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert set(env.regions(env.reset(seed=0)[0])) == {"down"}
 
 
+@pytest.mark.parametrize("motor", ['ctrlrange="-1 1"', 'ctrlrange="-1 2"'])
+def test_the_loop_of_a_robot_moves_it_as_training_did(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, motor: str
+) -> None:
+    monkeypatch.setattr(loop, "compiled", lambda config: still())
+    monkeypatch.chdir(tmp_path)
+    Path("arm.xml").write_text(block("xml").replace('ctrlrange="-1 1"', motor))
+    go_on(Path("runs/arm.xml-quick-seed0"))
+    names: dict[str, Any] = {}
+    exec(block("python", 4), names)
+    agent, body, data = names["agent"], names["body"], names["data"]
+    body.set_physics([{"qpos": [0.0], "qvel": [0.0]}])
+    state = body.observe()
+    for _ in range(50):
+        state = body.step(agent.act(state, names["goal"]))[0]
+    assert np.abs(data.qpos).max() > 0.01
+    np.testing.assert_allclose(data.qpos, body.get_physics()[0]["qpos"], atol=1e-5)
+
+
+def test_a_function_of_the_page_is_a_body(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    Path("my_envs.py").write_text(block("python", 3))
+    env = envs.make("my_envs:pendulum", 1, 0, gravity=3.7)
+    del sys.modules["my_envs"]
+    assert isinstance(env, envs.GymnasiumVectorEnv)
+    assert env.envs[0].unwrapped.g == 3.7  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def test_every_body_named_on_the_page_exists() -> None:
     named = re.findall(r"everystate train (\w+:\S+)", PAGE)
-    assert len(named) == 6
+    assert len(named) == 7
     for body in named:
         if not body.startswith("my_"):
             assert len(envs.make(body, 1, 0).state_names) > 2

@@ -13,13 +13,26 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from everystate import envs, evaluation, viewing
     from everystate.agent import Agent, load
     from everystate.config import Config
     from everystate.errors import EverystateError
     from everystate.presets import preset
     from everystate.training import Tracker, train
 
-__all__ = ["Agent", "Config", "EverystateError", "Tracker", "load", "preset", "train"]
+_MODULES = ("envs", "evaluation", "viewing")
+__all__ = [
+    "Agent",
+    "Config",
+    "EverystateError",
+    "Tracker",
+    "envs",
+    "evaluation",
+    "load",
+    "preset",
+    "train",
+    "viewing",
+]
 
 _HOMES = {
     "Agent": "agent",
@@ -33,6 +46,8 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"everystate.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module 'everystate' has no attribute {name!r}")
     return getattr(importlib.import_module(f"everystate.{_HOMES[name]}"), name)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, final
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gymnasium.spaces import Box
 from jaxtyping import Array, Float, Float32
 from numpy.typing import ArrayLike
 
@@ -65,6 +66,16 @@ class Agent:
         """Of the components of its actions, in order; `action_0` and so on if it knows none."""
         known = self.body.action_names
         return known or tuple(f"action_{i}" for i in range(self.body.action_size))
+
+    @property
+    def observation_space(self) -> Box:
+        """Of its states and goals: any numbers, float32, in the order of `state_names`."""
+        return Box(-np.inf, np.inf, (len(self.state_names),), np.float32)
+
+    @property
+    def action_space(self) -> Box:
+        """Of its actions: from -1 to 1 each, float32."""
+        return Box(-1.0, 1.0, (self.body.action_size,), np.float32)
 
     @property
     def units(self) -> dict[str, Unit]:

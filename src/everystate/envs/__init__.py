@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium
 
 from everystate.config import MODEL_COPY
-from everystate.envs.adapt import import_module
+from everystate.envs.adapt import import_module, name_of
 from everystate.envs.ant import Ant
 from everystate.envs.body import Body
 from everystate.envs.cartpole import Cartpole
@@ -36,6 +36,7 @@ __all__ = [
     "MujocoVectorEnv",
     "Physics",
     "RampPointmass",
+    "body_of",
     "copy_model",
     "describe",
     "headline",
@@ -61,7 +62,8 @@ def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> B
 
     Args:
         body: one of `BODIES`; the path of an MJCF file, NAME.xml; or `module:id`, where the id is
-            one that the module registers with Gymnasium, or the name of a `Body` class in it.
+            one that the module registers with Gymnasium, or the name of a `Body` class in it, or of
+            a function or class there that makes a Gymnasium environment.
         num_envs: how many.
         seed: of everything random in them; None makes a different run each time.
         **options: fields of the body's class or arguments of the Gymnasium environment; those of
@@ -106,6 +108,16 @@ def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> B
         disturbance=_built(Disturbance, body, disturbed),
         **stepper,
     )
+
+
+def body_of(factory: Callable[..., Any]) -> str:
+    """The name by which `make` finds a `Body` class, or what makes a Gymnasium environment.
+
+    Raises:
+        EverystateError: another process would not find it.
+    """
+    built_in = (name for name, kind in _BODIES.items() if kind is factory)
+    return next(built_in, None) or name_of(factory)
 
 
 def own_model(env: BodyVectorEnv) -> Path | None:

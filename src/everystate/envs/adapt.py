@@ -1,15 +1,19 @@
 """Any Gymnasium environment with numbers in and numbers out, made into a body.
 
 Bodies are named `module:id`, as Gymnasium itself has it: the module is imported, for it registers
-the id. What cannot be learned is refused with the reason, before anything is written.
+the id; or `module:name` for a function or class in it that makes one. What cannot be learned is
+refused with the reason, before anything is written.
 """
 
 import importlib
+import sys
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
+from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
 from everystate.envs.rendering import headless
@@ -40,20 +44,40 @@ def import_module(name: str, body: str) -> Any:
         ) from error
 
 
-def make_single(body: str, render_mode: str | None = None, **kwargs: Any) -> gymnasium.Env:
-    """The environment `module:id`, without its time limit.
+def name_of(factory: Callable[..., Any]) -> str:
+    """`module:name`, by which `make_single` finds a function or class that makes environments.
 
     Raises:
-        EverystateError: no such id, a missing package, or arguments that it does not take.
+        EverystateError: another process would not find it there.
+    """
+    module, name = (getattr(factory, part, "") for part in ("__module__", "__qualname__"))
+    if module == "__main__" or getattr(sys.modules.get(module), name, None) is not factory:
+        raise EverystateError(
+            f"{name or factory!r} cannot be found again when the run goes on or its agent is used:"
+            " define it at the top level of a module of its own, say my_envs.py, import it from"
+            " there, and give its arguments as body_options"
+        )
+    return f"{module}:{name}"
+
+
+def make_single(body: str, render_mode: str | None = None, **kwargs: Any) -> gymnasium.Env:
+    """The environment `module:id` or `module:name`, without its time limit.
+
+    Raises:
+        EverystateError: no such id, a missing package, arguments that it does not take, or what is
+            made is no Gymnasium environment.
     """
     module, _, name = body.partition(":")
-    import_module(module, body)
-    kwargs |= {"max_episode_steps": -1, "disable_env_checker": True}
+    factory = getattr(import_module(module, body), name, None)
     if render_mode is not None:  # there are constructors that do not take it
         kwargs["render_mode"] = render_mode
     try:
         with headless():
-            env = gymnasium.make(name, **kwargs)
+            if callable(factory):
+                env = _unlimited(factory(**kwargs))
+            else:
+                kwargs |= {"max_episode_steps": -1, "disable_env_checker": True}
+                env = gymnasium.make(name, **kwargs)
     except gymnasium.error.DependencyNotInstalled as error:
         raise EverystateError(f"{body} needs another package: {error}; see also {EXTRA}") from error
     except gymnasium.error.Error as error:
@@ -64,10 +88,22 @@ def make_single(body: str, render_mode: str | None = None, **kwargs: Any) -> gym
         raise EverystateError(
             f"{body} does not work with the packages installed here: {error}"
         ) from error
+    if not isinstance(env, gymnasium.Env):
+        raise EverystateError(f"{body} makes a {_kind(env)}: expected one gymnasium.Env")
     # dm_control counts steps itself.
     control: Any = getattr(env.unwrapped, "_env", None)
     if hasattr(control, "_step_limit"):
         control._step_limit = float("inf")
+    return env
+
+
+def _unlimited(env: Any) -> Any:
+    """The environment without Gymnasium's time limits, however deep in its wrappers they are."""
+    if isinstance(env, gymnasium.Wrapper):
+        inner = _unlimited(env.env)
+        if isinstance(env, TimeLimit):
+            return inner
+        env.env = inner
     return env
 
 
@@ -153,5 +189,5 @@ def _numbers(space: Space, key: str, body: str) -> Box:
     return space
 
 
-def _kind(space: Space) -> str:
-    return type(space).__name__
+def _kind(thing: object) -> str:
+    return type(thing).__name__

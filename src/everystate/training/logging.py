@@ -15,6 +15,8 @@ from everystate.agent.files import read_lines
 from everystate.training.rundir import write_atomically
 
 Show = Literal["bar", "plain", "nothing"]
+OnEpoch = Callable[[Mapping[str, int | float]], bool | None]
+"""What is called with each epoch's metrics; False ends the run."""
 _PLAIN_LINES = 20  # About how many a whole run prints.
 
 
@@ -43,7 +45,7 @@ class Log:
         done: int,
         epochs: int,
         show: Show,
-        on_epoch: Callable[[Mapping[str, int | float]], None] | None = None,
+        on_epoch: OnEpoch | None = None,
     ) -> None:
         """`done` of `epochs` epochs lie behind; `show` says what appears on the screen."""
         kept = [line for line in read_metrics(folder) if line["epoch"] <= done]
@@ -73,8 +75,11 @@ class Log:
     def __exit__(self, *error) -> None:
         self._stack.close()
 
-    def epoch(self, metrics: Mapping[str, int | float]) -> None:
-        """Logs one epoch; `metrics` has `epoch` and `steps` among its names."""
+    def epoch(self, metrics: Mapping[str, int | float]) -> bool:
+        """Logs one epoch, and returns whether to go on.
+
+        `metrics` has `epoch` and `steps` among its names.
+        """
         self._file.write(json.dumps(metrics, allow_nan=False) + "\n")
         epoch = int(metrics["epoch"])
         self._board.epoch(epoch, metrics)
@@ -86,8 +91,8 @@ class Log:
         every = max(1, self._epochs // _PLAIN_LINES)
         if self._show == "plain" and (epoch % every == 0 or epoch == self._epochs):
             print(f"epoch {epoch}/{self._epochs}: {status}", flush=True)
-        if self._on_epoch:
-            self._on_epoch(metrics)
+        said = self._on_epoch(metrics) if self._on_epoch else None
+        return said is None or bool(said)
 
     @functools.cached_property
     def _board(self) -> Any:

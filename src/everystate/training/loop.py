@@ -4,7 +4,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
@@ -17,7 +17,7 @@ from everystate import evaluation
 from everystate.agent import Agent, keep_compiled_programs
 from everystate.agent.files import BODY
 from everystate.config import Config
-from everystate.envs import BodyVectorEnv
+from everystate.envs import BodyVectorEnv, body_of
 from everystate.errors import EverystateError
 from everystate.presets import preset as preset_of
 from everystate.training import checkpoint, coverage, faults, hosts
@@ -35,19 +35,19 @@ from everystate.training.collection import (
 )
 from everystate.training.groups import Crew, Groups, InProcess, size_of
 from everystate.training.learner import Learner, compiled
-from everystate.training.logging import Log, shown
+from everystate.training.logging import Log, OnEpoch, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
 
 COMPILING = "compiling: about a minute the first time, seconds after that"
 
 
 def train(
-    config_or_body: Config | str,
+    config_or_body: Config | str | Callable[..., Any],
     *,
     preset: str = "quick",
     run_dir: str | Path | None = None,
     progress: bool | Literal["plain"] = True,
-    on_epoch: Callable[[Mapping[str, int | float]], None] | None = None,
+    on_epoch: OnEpoch | None = None,
     crew: Crew | None = None,
     **overrides: Any,
 ) -> Path:
@@ -61,11 +61,13 @@ def train(
     first trains and has the folder, the others lend their devices until it is done.
 
     Args:
-        config_or_body: a `Config`, or the name of a body to be learned under `preset`.
+        config_or_body: a `Config`; or a body to be learned under `preset`: its name, or a `Body`
+            class or what makes a Gymnasium environment, of which the run keeps module and name.
         preset: see `everystate.preset`; unused with a `Config`.
         run_dir: the run's folder, by default `runs/BODY-PRESET-seedSEED`.
         progress: a bar on a terminal and plain lines elsewhere; "plain" lines; or False, nothing.
-        on_epoch: is called after each epoch with its metrics, those of metrics.jsonl.
+        on_epoch: is called after each epoch with its metrics, those of metrics.jsonl. Where it
+            returns False, the run is saved and left; the same call goes on with it.
         crew: where the collectors of `collectors=N` are: by default in this process, one after the
             other; or on a cluster, by `everystate.scaling.on_ray`. It does not change the result.
         **overrides: fields of the config to change.
@@ -79,7 +81,9 @@ def train(
         config = preset_of("quick", **(asdict(config_or_body) | overrides))
         preset = preset_name(config)
     else:
-        config = preset_of(preset, config_or_body, **overrides)
+        named = isinstance(config_or_body, str)
+        body = config_or_body if named else body_of(config_or_body)
+        config = preset_of(preset, body, **overrides)
     keep_compiled_programs()
     hosts.check(config)
     path = Path(run_dir or default_run_dir(config, preset))
@@ -201,10 +205,14 @@ def _run(
             "time/updates_per_s": config.num_updates / (after - between),
             "time/elapsed_s": after - start,
         }
-        log.epoch({"epoch": epoch, **metrics})
+        go_on = log.epoch({"epoch": epoch, **metrics})
         if epoch % config.checkpoint_period == 0 or epoch == config.epochs:
             save_samples(folder / "samples", steps, snapshot)
             _save(config, env, folder, snapshot)
+        elif not go_on:
+            _save(config, env, folder, snapshot)
+        if not go_on and epoch < config.epochs:
+            return log.say(f"stopped by on_epoch; {folder} holds the run after epoch {epoch}")
     log.say(f"finished: {folder}")
 
 
