@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import re
 import subprocess
 import sys
@@ -314,6 +315,15 @@ def test_what_is_piped_is_plain_and_fits_a_terminal() -> None:
     lines = done.stdout.decode().splitlines()
     assert any("ledge" in line and "100 %" in line for line in lines)
     assert not any("\x1b" in line or len(line) > 80 for line in lines)
+
+
+def test_who_stops_reading_is_no_error() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = [sys.executable, "-m", "everystate", "--help"]
+    done = subprocess.run(words, stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_where_there_is_no_terminal_a_plain_line_says_how_far_it_is(

@@ -14,8 +14,8 @@ import pytest
 from everystate import evaluation
 from everystate.cli import main
 from everystate.errors import EverystateError
-from everystate.evaluation import perturbations, raw
-from everystate.peers.agents import DoNothing, PeerConfig, RandomActions
+from everystate.evaluation import DoNothing, RandomActions, perturbations, raw
+from everystate.peers.agents import PeerConfig
 from everystate.presets import preset
 from everystate.studies import Run, Terms, agents, compare, comparison, rescore, table, timed
 from everystate.studies.agents import AGENTS
@@ -173,12 +173,12 @@ def test_a_block_is_a_seed_and_what_failed_does_not_stop_the_others(
 
 def test_doing_nothing_and_random_actions() -> None:
     states = np.zeros((3, 3), np.float32)
-    at = [PeerConfig("ramp-pointmass", (), seed, "random", {}) for seed in (0, 1)]
-    assert not DoNothing(at[0]).act(states, states).any()
-    first, second = (RandomActions(config).act(states, states, seed=5) for config in at)
+    config = PeerConfig("ramp-pointmass", (), 0, "random", {})
+    assert not DoNothing(config).act(states, states).any()
+    first, second = (RandomActions(config, n).act(states, states, seed=5) for n in (0, 1))
     assert first.shape == (3, 2)
     assert (first != second).any()  # every seed has actions of its own
-    np.testing.assert_array_equal(RandomActions(at[0]).act(states, states, seed=5), first)
+    np.testing.assert_array_equal(RandomActions(config).act(states, states, seed=5), first)
 
 
 def test_what_cannot_be_compared_is_told_before_any_run(

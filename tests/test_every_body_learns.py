@@ -62,7 +62,7 @@ def test_trains_resumes_evaluates_and_reports(body: str, tmp_path: Path) -> None
     if body in ("cartpole", "gymnasium:Pendulum-v1"):
         placeable = body == "cartpole"
         assert ("only live" in viewing.report(run, result).read_text()) != placeable
-        assert (run / "report" / "filmstrip.png").exists() == placeable
+        assert (run / "report" / "film.gif").exists() == placeable
 
 
 def test_options_of_a_body_are_kept_with_its_agent(tmp_path: Path) -> None:

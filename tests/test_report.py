@@ -17,7 +17,9 @@ from everystate.errors import EverystateError
 from everystate.evaluation import suites
 from everystate.presets import preset
 from everystate.viewing import figures, plots
-from everystate.viewing.report import on_the_map, over_time
+from everystate.viewing.curves import over_time
+from everystate.viewing.film import journey
+from everystate.viewing.report import on_the_map
 
 
 class Straight:
@@ -75,8 +77,10 @@ def result() -> dict[str, Any]:
 def drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of bodies without a GPU, fast."""
 
-    def render(self: MujocoVectorEnv, observations: Any, *_: Any, **__: Any) -> np.ndarray:
-        return np.zeros((len(observations), 48, 64, 3), dtype=np.uint8)
+    def render(
+        self: MujocoVectorEnv, states: Any, goal: Any, width: int, height: int, along: Any
+    ) -> np.ndarray:
+        return np.zeros((len(states), height, width, 3), dtype=np.uint8)
 
     monkeypatch.setattr(MujocoVectorEnv, "render_states", render)
 
@@ -89,12 +93,24 @@ def test_page_stands_alone_beside_its_pictures(tmp_path: Path, result: dict[str,
     assert page == run / "report" / "index.html"
     names = {path.stem for path in page.parent.glob("*.png")}
     assert names == {
-        *("success-rest", "filmstrip", "values", "policy", "goals"),
+        *("reached-rest", "values", "policy", "goals"),
         *("coverage", "episodes", "replay", "targets", "losses", "evaluation"),
     }
     assert text.count("data:image/png;base64,") == len(names)
+    assert text.count("data:image/gif;base64,") == 1
     assert not re.search(r"(src|href)=\"(?!data:)|url\(|<script|https?://", text)
-    assert json.loads((page.parent / "evaluation.json").read_text()) == result
+    kept = json.loads((page.parent / "evaluation.json").read_text())
+    beside = kept.pop("references")["rest"]
+    assert kept == result
+    assert beside.keys() == {"random actions", "doing nothing"}
+    score = {name: f"{100 * one['score']['all']:.0f} %" for name, one in beside.items()}
+    suite = result["suites"]["rest"]
+    own, planned = (f"{100 * suite[by]['score']['all']:.0f} %" for by in ("policy", "planning"))
+    assert (
+        f"By its policy it holds {own} of {suite['tasks']} goals at rest, within 0.5 σ in every"
+        f" component (with planning {planned}, random actions {score['random actions']}, doing"
+        f" nothing {score['doing nothing']})." in text
+    )
     assert "run &lt;1&gt;" in text
     assert "Not drawn" not in text
     assert all(word in text for word in ("floor", "ledge", "falls per 1,000", "commit", "config"))
@@ -109,13 +125,13 @@ def test_without_graphics_the_page_says_what_to_install(
     monkeypatch.setattr(MujocoVectorEnv, "render_states", render)
     run = fake_run(tmp_path / "run")
     (run / "report").mkdir()
-    (run / "report" / "filmstrip.png").write_text("of an older run")
+    (run / "report" / "film.gif").write_text("of an older run")
     (run / "report" / "notes.txt").write_text("mine")
     text = viewing.report(run, result, agent=Straight()).read_text(encoding="utf-8")
     assert "apt-get install libegl1" in text
-    assert not (run / "report" / "filmstrip.png").exists()
+    assert not (run / "report" / "film.gif").exists()
     assert (run / "report" / "notes.txt").read_text() == "mine"
-    assert (run / "report" / "success-rest.png").stat().st_size > 10_000
+    assert (run / "report" / "reached-rest.png").stat().st_size > 10_000
 
 
 @pytest.mark.usefixtures("drawn")
@@ -125,7 +141,7 @@ def test_a_run_without_metrics_or_samples_still_has_a_report(
     (tmp_path / "bare").mkdir()
     page = viewing.report(tmp_path / "bare", result, agent=Straight())
     names = {path.stem for path in page.parent.glob("*.png")}
-    assert names == {"success-rest", "filmstrip", "values", "policy"}
+    assert names == {"reached-rest", "values", "policy"}
 
 
 @pytest.mark.usefixtures("drawn")
@@ -135,7 +151,7 @@ def test_an_agent_without_its_run_has_a_report_where_it_is_told(tmp_path: Path) 
         viewing.report("ramp-pointmass", result)
     page = viewing.report("ramp-pointmass", result, out=tmp_path / "deep" / "report")
     names = {path.stem for path in page.parent.glob("*.png")}
-    assert names == {"success-rest", "filmstrip", "values", "policy"}
+    assert names == {"reached-rest", "values", "policy"}
     exported = load("ramp-pointmass").export(tmp_path / "agent")
     with pytest.raises(EverystateError, match="is an agent without its run"):
         viewing.report(exported, result)
@@ -152,12 +168,54 @@ def test_what_planning_does_is_drawn_where_it_was_measured(tmp_path: Path) -> No
         assert ("short search" in policy.caption) == planning
 
 
-def test_drawing_leaves_the_users_style_alone(tmp_path: Path, result: dict[str, Any]) -> None:
+def test_drawing_leaves_the_users_style_alone(tmp_path: Path) -> None:
     before = dict(mpl.rcParams)
-    plots.save(plots.success_by_group(result["suites"]["rest"]), tmp_path / "a.png")
-    plots.save(plots.success_by_group(result["suites"]["rest"]), tmp_path / "b.png")
+    for name in ("a.png", "b.png"):
+        plots.save(plots.reached({"policy": [0.1, 0.4]}, "here", "held"), tmp_path / name)
     assert dict(mpl.rcParams) == before
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_curve_says_which_share_of_goals_is_within_each_tolerance() -> None:
+    ways = {"policy": [0.6, 0.001, 0.2, 99.0], "doing nothing": [3.0, 4.0]}
+    (ax,) = plots.reached(ways, "here", "held").axes
+    policy, nothing = (np.asarray(ax.lines[i].get_xydata()) for i in range(2))
+    assert policy.tolist() == [[0.01, 0], [0.01, 0.25], [0.2, 0.5], [0.6, 0.75], [99, 1], [10, 1]]
+    assert nothing[1:3].tolist() == [[3.0, 0.5], [4.0, 1.0]]
+
+
+def test_a_film_ends_a_second_after_the_goal_is_met() -> None:
+    agent = Straight()
+    env, suite = envs.make("ramp-pointmass", 1, 0), suites.load("ramp-pointmass")
+    held = suite.only(np.flatnonzero(np.array(suite.kinds) == "floor"))
+    way = journey(agent, env, held, planning=False)
+    assert way.title == "by the policy"
+    second = round(1 / env.control_step)  # pyright: ignore[reportOptionalOperand]
+    near = np.flatnonzero(way.distance <= 0.5)
+    assert len(way.states) == len(way.goals) == len(way.distance) == near[0] + second + 1
+    assert way.steps_to_goal[0] > way.steps_to_goal[near[0]]
+
+
+def test_a_spike_does_not_flatten_a_curve() -> None:
+    steps, calm = np.arange(100.0), np.linspace(1.0, 2.0, 100)
+    spiked = np.where(steps == 50, 1e4, calm)
+    metrics = {"steps": steps, "calm": calm, "spiked": spiked}
+    figure = plots.over_time(metrics, [("calm", {"calm": ""}), ("spiked", {"spiked": ""})])
+    assert [ax.get_yscale() for ax in figure.axes] == ["linear", "symlog"]
+    assert figure.axes[1].get_title() == "" != figure.axes[1].get_title(loc="left")
+    assert "logarithmic beyond 1.9" in figure.axes[1].get_title(loc="left")
+
+
+def test_no_more_curves_than_one_can_tell_apart(tmp_path: Path) -> None:
+    run, ks = fake_run(tmp_path / "run"), [f"k={k}" for k in (4, 8, 16, 32, 64)]
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    more = {f"eval/motion/score/{group}": 0.5 for group in (*ks, "all")}
+    text = "".join(json.dumps(line | more) + "\n" for line in lines)
+    (run / "metrics.jsonl").write_text(text)
+    (picture,) = [p for p in over_time(run) if p.name == "evaluation"]
+    panels = {ax.get_title(loc="left"): ax for ax in picture.draw().axes}
+    labels = {str(line.get_label()) for line in panels["suite motion"].lines}
+    assert {label for label in labels if label[0] != "_"} == {"k=4", "k=64", "all"}
 
 
 def test_smoothing_keeps_constants_and_skips_gaps() -> None:
@@ -184,8 +242,9 @@ def test_settings_are_compared_from_files_alone(
 
 
 def test_many_settings_are_dots_and_their_medians(tmp_path: Path) -> None:
-    groups: dict[str, list[Path]] = {"as-it-is": [], "other": []}
-    for name, rates in {"as-it-is": (0.2, 0.4, 1.0), "other": (0.6,)}.items():
+    groups: dict[str, list[Path]] = {"as-it-is": [], "worse": [], "better": []}
+    found = {"as-it-is": (0.2, 0.4, 1.0), "worse": (0.6,), "better": (0.7,)}
+    for name, rates in found.items():
         for seed, rate in enumerate(rates):
             groups[name].append(tmp_path / name / f"seed{seed}")
             groups[name][-1].mkdir(parents=True)
@@ -193,8 +252,9 @@ def test_many_settings_are_dots_and_their_medians(tmp_path: Path) -> None:
             (groups[name][-1] / "evaluation.json").write_text(json.dumps(result))
     (ax,) = figures.settings(groups).axes
     drawn = [np.asarray(line.get_xdata()).tolist() for line in ax.lines]
-    assert drawn == [[40.0], [20.0, 40.0, 100.0], [60.0], [60.0], [40.0, 40.0]]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["as-it-is", "other"]
+    dots, bars = [[20.0, 40.0, 100.0], [70.0], [60.0]], [[40.0], [70.0], [60.0]]
+    assert drawn == [x for pair in zip(bars, dots, strict=True) for x in pair] + [[40.0, 40.0]]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["as-it-is", "better", "worse"]
     (tmp_path / "empty").mkdir()
     with pytest.raises(EverystateError, match=r"no evaluation\.json"):
         figures.settings({"none": [tmp_path / "empty"]})
@@ -223,26 +283,3 @@ def test_actions_are_arrows_only_where_they_have_two_components(tmp_path: Path) 
     drawn = on_the_map(tmp_path, Pushes(), envs.make(body, 1, 0), suites.load(body))
     assert [picture.name for picture in drawn] == ["values"]
     assert drawn[0].draw().axes
-
-
-def test_skills_of_several_settings_are_medians_over_their_seeds(tmp_path: Path) -> None:
-    folders = []
-    for seed, rate in enumerate((0.2, 0.4, 1.0)):
-        folders.append(tmp_path / f"seed{seed}")
-        folders[-1].mkdir()
-        result = {"skills": {"planning": {"balance": rate, "spin": 1.0}}}
-        (folders[-1] / "evaluation.json").write_text(json.dumps(result))
-    (empty := tmp_path / "empty").mkdir()
-    figure = figures.skill_rates({"three": folders, "none": [empty]})
-    (ax,) = figure.axes
-    assert [text.get_text() for text in ax.texts] == ["40", "100"]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["three (3)"]
-    with pytest.raises(EverystateError, match="evaluate --skills"):
-        figures.skill_rates({"none": [empty]})
-
-
-def test_skills_over_training_are_in_the_order_of_their_epochs() -> None:
-    runs = {"a": {"100": {"balance": 1.0}, "20": {"balance": 0.5}}}
-    (ax,) = figures.skills_over_training(runs).axes
-    (line,) = ax.lines
-    assert np.asarray(line.get_xydata()).tolist() == [[20, 0.5], [100, 1.0]]

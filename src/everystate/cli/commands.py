@@ -22,6 +22,7 @@ import argparse
 import contextlib
 import dataclasses
 import json
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -300,6 +301,9 @@ def main(argv: list[str] | None = None) -> int:
             raise EverystateError(f"unknown command {argv[0]!r}: {suggest(argv[0], COMMANDS)}")
         else:
             COMMANDS[argv[0]](argv[1:])
+        sys.stdout.flush()
+    except BrokenPipeError:  # who reads this, as `head`, has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except EverystateError as error:
         print("error:", " ".join(str(error).split()), file=sys.stderr)
         return 2

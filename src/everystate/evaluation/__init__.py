@@ -5,10 +5,13 @@ from everystate.evaluation.evaluate import coverage, described, evaluate, logged
 from everystate.evaluation.measure import apart_from, measure, rollout
 from everystate.evaluation.performances import perform, success_rates, successes
 from everystate.evaluation.provenance import provenance
+from everystate.evaluation.references import DoNothing, RandomActions, references
 from everystate.evaluation.tables import tables
 
 __all__ = [
     "Agent",
+    "DoNothing",
+    "RandomActions",
     "apart_from",
     "coverage",
     "described",
@@ -17,6 +20,7 @@ __all__ = [
     "measure",
     "perform",
     "provenance",
+    "references",
     "rollout",
     "success_rates",
     "successes",

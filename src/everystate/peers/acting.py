@@ -18,8 +18,8 @@ from jaxtyping import Float, Float32
 
 from everystate.agent import load as load_ours
 from everystate.errors import EverystateError
-from everystate.evaluation.agents import Agent
-from everystate.peers.agents import DoNothing, PeerConfig, RandomActions
+from everystate.evaluation import Agent, DoNothing, RandomActions
+from everystate.peers.agents import PeerConfig
 
 _FILE = "actor.safetensors"
 
@@ -99,7 +99,7 @@ def load(folder: Path, config: PeerConfig) -> Agent:
         EverystateError: nothing is there, or what is there is damaged.
     """
     if config.agent == "random":
-        return RandomActions(config)
+        return RandomActions(config, config.seed)
     if config.agent == "nothing":
         return DoNothing(config)
     if (folder / _FILE).exists():

@@ -47,15 +47,18 @@ def write_numbers(out: Path, result: Mapping[str, Any], *, name: str) -> None:
     write_atomically(out / f"{name}.md", table(result))
 
 
+_CURVES = 5
+"""More settings than these are no longer told apart as curves."""
+
+
 def draw(groups: Groups, path: Path, *, over: Any = "epoch") -> None:
     """A figure of the runs that have metrics; none where no run has any."""
     from everystate.viewing.figures import comparison, settings
-    from everystate.viewing.plots import COLOURS
 
     grown = {name: [r for r in found if read_metrics(r)] for name, found in groups.items()}
     grown = {name: found for name, found in grown.items() if found}
     if grown:
-        few = len(grown) <= len(COLOURS)
+        few = len(grown) <= _CURVES
         figure = comparison(grown, over=over) if few else settings(grown)
         figure.savefig(path, dpi=150)
 

@@ -106,42 +106,11 @@ def scores(names: Iterable[str]) -> dict[str, dict[str, str]]:
 
 
 @styled
-def skill_rates(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
-    """How often each named skill succeeded with planning: settings by skills, median over seeds.
-
-    Args:
-        groups: label -> folders with an `evaluation.json` that has skills; others are left out.
-    """
-    rates = {label: [_skills(Path(f)) for f in folders] for label, folders in groups.items()}
-    rates = {label: [r for r in found if r] for label, found in rates.items()}
-    rates = {label: found for label, found in rates.items() if found}
-    if not rates:
-        raise EverystateError("no evaluation.json with skills: run `everystate evaluate --skills`")
-    names = list(next(iter(rates.values()))[0])
-    table = np.array(
-        [[np.median([r[n] for r in found]) for n in names] for found in rates.values()]
-    )
-    figure = Figure(figsize=(WIDTH, 0.9 + 0.27 * len(rates)))
-    ax = figure.subplots()
-    ax.imshow(table, cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
-    for (row, column), rate in np.ndenumerate(table):
-        ink = "white" if rate > 0.6 else "black"
-        ax.text(column, row, f"{100 * rate:.0f}", ha="center", va="center", color=ink, fontsize=8)
-    seeds = [
-        f"{label} ({len(found)})" if len(found) > 1 else label for label, found in rates.items()
-    ]
-    ax.set_yticks(range(len(rates)), seeds)
-    ax.set_xticks(range(len(names)), names, rotation=20, ha="right")
-    ax.grid(visible=False)
-    ax.set_title("starts from which each skill succeeded, with planning, in per cent")
-    return figure
-
-
-@styled
 def settings(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
     """Scores in the end, by suite and group: a row per setting, too many for curves.
 
-    Dots are seeds, bars their median; the dashed line is the first setting's.
+    Dots are seeds, bars their median; the dashed line is the first setting's, which is on top, and
+    the others follow from best to worst in the first panel.
 
     Args:
         groups: label -> folders with an `evaluation.json`.
@@ -150,6 +119,9 @@ def settings(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
     regions = list(dict.fromkeys(r for group in finals.values() for f in group for r in f))
     if not regions:
         raise EverystateError("no evaluation.json: run `everystate evaluate`")
+    first, *others = finals
+    others.sort(key=lambda label: -np.median([one[regions[0]] for one in finals[label]]))
+    finals = {label: finals[label] for label in (first, *others)}
     figure = Figure(figsize=(WIDTH, 0.9 + 0.22 * len(finals)))
     panels = figure.subplots(1, len(regions), sharey=True, squeeze=False)[0]
     for ax, region in zip(panels, regions, strict=True):
@@ -157,39 +129,18 @@ def settings(groups: Mapping[str, Sequence[Path | str]]) -> Figure:
             values = [100 * one[region] for one in found]
             ax.plot(np.median(values), row, "|", color=COLOURS[0], markersize=12, mew=2.5)
             ax.plot(values, [row] * len(values), "o", color=COLOURS[0], markersize=4, alpha=0.5)
-        first = 100 * np.median([one[region] for one in next(iter(finals.values()))])
-        ax.axvline(float(first), color=COLOURS[-1], linestyle="--", linewidth=1)
+        ax.axvline(
+            100 * float(np.median([one[region] for one in finals[first]])),
+            color=COLOURS[-1],
+            linestyle="--",
+            linewidth=1,
+        )
         ax.set_title(region)
         ax.set_xlim(-4, 104)
         ax.set_xlabel("%")
         ax.set_yticks(range(len(finals)), finals)
     figure.axes[0].set_ylim(len(finals) - 0.5, -0.5)  # the first on top
     return figure
-
-
-@styled
-def skills_over_training(runs: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
-    """A panel per run: the success rate of every skill at its checkpoints, by epoch."""
-    figure = Figure(figsize=(WIDTH, 2.6 * len(runs) + 0.4))
-    grid = figure.subplots(len(runs), 1, squeeze=False, sharex=True).ravel()
-    for ax, (label, checkpoints) in zip(grid, runs.items(), strict=True):
-        epochs = sorted(checkpoints, key=int)
-        for i, skill in enumerate(checkpoints[epochs[0]]):
-            rates = [checkpoints[epoch][skill] for epoch in epochs]
-            marker = _MARKERS[i % len(_MARKERS)]
-            ax.plot([int(e) for e in epochs], rates, marker=marker, markersize=4, label=skill)
-        ax.set_title(label)
-        _percent(ax)
-    grid[-1].set_xlabel("epoch")
-    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return figure
-
-
-def _skills(folder: Path) -> dict[str, float]:
-    """Success rates of the named skills with planning; empty without."""
-    path = folder / "evaluation.json"
-    result: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    return (result.get("skills") or {}).get("planning") or {}
 
 
 def _read(folder: Path) -> dict[str, Float[np.ndarray, " epochs"]]:

@@ -63,8 +63,7 @@ def value_maps(
         image = ax.pcolormesh(
             xs, ys, values, cmap="viridis_r", vmin=0, vmax=longest, shading="gouraud"
         )
-        lines = ax.contour(xs, ys, values, levels=6, colors="white", linewidths=0.6, alpha=0.8)
-        ax.clabel(lines, fontsize=6, fmt="%.0f")
+        ax.contour(xs, ys, values, levels=6, colors="white", linewidths=0.6, alpha=0.8)
         _furnish(ax, env, label_y=i == 0)
         _star(ax, goal)
         ax.set_title(f"goal on the {name}" if len(goals) > 1 else "")
@@ -120,7 +119,7 @@ def policy_arrows(
     padded = np.resize(states, (-(-len(states) // batch) * batch, 2))
     goals = np.broadcast_to(goal, (batch, 2)).astype(np.float32)
     ways = {"policy": False} | ({"planning": True} if planning else {})
-    figure = Figure(figsize=(WIDTH, 3.95))
+    figure = Figure(figsize=(WIDTH if planning else WIDTH / 2 + 0.2, 3.95))
     panels = figure.subplots(1, len(ways), sharey=True, squeeze=False)[0]
     for ax, (title, plan) in zip(panels, ways.items(), strict=True):
         parts = [

@@ -6,15 +6,20 @@ from typing import Any, NamedTuple
 
 from everystate.evaluation.metrics import EPS
 
+NEAR = {"max": "in every component", "rms": "by the root mean square of the components"}
+VERBS = {"end": ("holds", "held at the last step"), "hit": ("passes", "passed at some step")}
+"""Of each reading, what the agent does to a goal, and what is done to the goal."""
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1b1b1b; background: #fff;
        max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.6rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin: 2.2rem 0 .3rem; }
+.verdict { font-size: 1.15rem; border-left: 4px solid #0072B2; padding: .4rem .8rem;
+           background: #eef5fa; }
 .sub, figcaption, .note { color: #555; font-size: .92rem; }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: .25rem .8rem; border-bottom: 1px solid #ddd; }
 th:first-child, td:first-child { text-align: left; }
-figure { margin: 0; } img { width: 100%; height: auto; }
+figure { margin: 0; } img { max-width: 100%; height: auto; display: block; }
 .note { border-left: 4px solid #E69F00; padding: .4rem .8rem; background: #faf6ec; }
 pre { overflow-x: auto; background: #f5f5f5; padding: .8rem; font-size: .82rem; }
 @media print { h2, figure { break-inside: avoid; } h2 { break-after: avoid; } }
@@ -26,8 +31,8 @@ class Shown(NamedTuple):
 
     title: str
     caption: str
-    png: str | None
-    """The picture, in base64."""
+    source: str | None
+    """The picture, as a data URL."""
 
 
 def page(name: str, result: Mapping[str, Any], pictures: Sequence[Shown]) -> str:
@@ -40,9 +45,14 @@ def page(name: str, result: Mapping[str, Any], pictures: Sequence[Shown]) -> str
         f"<style>{_STYLE}</style></head><body>",
         f"<h1>{html.escape(result['body'])}</h1>",
         f'<p class="sub">Run {html.escape(name)}</p>',
-        *(_table(suite, name) for name, suite in result["suites"].items()),
+        f'<p class="verdict">{html.escape(verdict(result))}</p>',
+        *map(_figure, pictures[:1]),
+        *(
+            _table(suite, name, result["references"].get(name, {}))
+            for name, suite in result["suites"].items()
+        ),
         _coverage(result),
-        *map(_figure, pictures),
+        *map(_figure, pictures[1:]),
         "<h2>Where this comes from</h2>",
         f"<pre>{html.escape(_origin(result))}</pre>",
         "</body></html>",
@@ -50,21 +60,51 @@ def page(name: str, result: Mapping[str, Any], pictures: Sequence[Shown]) -> str
     return "\n".join(parts) + "\n"
 
 
+def scored_by(suite: Mapping[str, Any]) -> tuple[str, str]:
+    """Measure and reading of a suite's score."""
+    measure, reading = suite["scored_by"].removesuffix("@0.5").split(", ")
+    return measure, reading
+
+
+def verdict(result: Mapping[str, Any]) -> str:
+    """What the agent reaches, beside what has learned nothing."""
+    told = []
+    for name, suite in result["suites"].items():
+        measure, reading = scored_by(suite)
+        planned, beside = suite["planning"], result["references"].get(name, {})
+        others = [("with planning", planned)] if planned else []
+        others += list(beside.items())
+        told.append(
+            f"{VERBS[reading][0]} {_percent(suite['policy'])} of {suite['tasks']} goals"
+            f" {'at rest' if name == 'rest' else 'in motion' if name == 'motion' else name},"
+            f" within 0.5 σ {NEAR[measure]}"
+            + (" ({})" if others else "").format(
+                ", ".join(f"{what} {_percent(one)}" for what, one in others)
+            )
+        )
+    return f"By its policy it {'; and it '.join(told)}."
+
+
+def _percent(measured: Mapping[str, Any], group: str = "all") -> str:
+    return f"{100 * measured['score'][group]:.0f} %"
+
+
 def _figure(picture: Shown) -> str:
     title, caption = html.escape(picture.title), html.escape(picture.caption)
-    if picture.png is None:
+    if picture.source is None:
         return f'<h2>{title}</h2>\n<p class="note">{caption}</p>'
     return (
-        f'<h2>{title}</h2>\n<figure><img alt="{title}" src="data:image/png;base64,{picture.png}">'
+        f'<h2>{title}</h2>\n<figure><img alt="{title}" src="{picture.source}">'
         f"<figcaption>{caption}</figcaption></figure>"
     )
 
 
-def _table(suite: Mapping[str, Any], name: str) -> str:
+def _table(suite: Mapping[str, Any], name: str, references: Mapping[str, Any]) -> str:
     policy, planning = suite["policy"], suite["planning"]
     heads = ["goals", *(f"end @{eps:g}" for eps in EPS), "hit @0.5", "rms hit @0.5"]
     heads += ["position only, end @0.5", "nearest, rms σ"]
     heads += ["planning, end @0.5", "hit @0.5"] if planning else []
+    heads += [f"{what}, {suite['scored_by'].split(', ')[1]}" for what in references]
     rows = []
     for group, row in policy["success"]["max"].items():
         cells = [row[f"{eps:g}"]["end"] for eps in EPS]
@@ -75,11 +115,12 @@ def _table(suite: Mapping[str, Any], name: str) -> str:
         if planning:
             planned = planning["success"]["max"][group]["0.5"]
             texts += [f"{100 * planned[reading]:.0f} %" for reading in ("end", "hit")]
+        texts += [_percent(one, group) for one in references.values()]
         numbers = "".join(f"<td>{text}</td>" for text in texts)
         rows.append(f"<tr><td>{html.escape(group)}</td>{numbers}</tr>")
     head = "".join(f"<th>{head}</th>" for head in heads)
     return (
-        f"<h2>Suite {html.escape(name)}</h2><p>{html.escape(suite['notes'])}</p>"
+        f"<h2>Goals reached, suite {html.escape(name)}</h2><p>{html.escape(suite['notes'])}</p>"
         f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
         f"<p>{html.escape(_sentence(policy))}</p>"
     )

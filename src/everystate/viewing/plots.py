@@ -19,8 +19,6 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from everystate.evaluation.metrics import EPS
-
 BLACK, GREY = "#000000", "#6b6b6b"
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY, YELLOW = "#CC79A7", "#56B4E9", "#F0E442"
@@ -28,6 +26,8 @@ COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), "-")
 WIDTH = 7.5  # inches: a page's text
 DPI = 150
+_SPIKE = 10.0
+"""A value so many times larger than most is one."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,
@@ -113,35 +113,32 @@ def thousands(value: float, _: Any = None) -> str:
 
 
 @styled
-def success_by_group(suite: Mapping[str, Any]) -> Figure:
-    """Of one suite of a result: a panel per tolerance, a pair of bars per group of tasks."""
-    figure = Figure(figsize=(WIDTH, 2.7))
-    panels = figure.subplots(1, len(EPS), sharey=True, squeeze=False)[0]
-    measure, reading = suite["scored_by"].removesuffix("@0.5").split(", ")
-    groups = list(suite["policy"]["score"])
-    by_k = any(name.startswith("k=") for name in groups)
-    if by_k:  # the kinds would not find room beside them
-        groups = [name for name in groups if name.startswith("k=") or name == "all"]
-    at = np.arange(len(groups))
-    columns = {"policy": suite["policy"], "with planning": suite["planning"]}
-    shown = {name: one["success"][measure] for name, one in columns.items() if one}
-    width = 0.8 / len(shown)
-    looks = ({"color": BLUE}, {"color": ORANGE, "hatch": "////", "edgecolor": "white"})
-    for ax, eps in zip(panels, EPS, strict=True):
-        for i, (name, table) in enumerate(shown.items()):
-            heights = [table[group][f"{eps:g}"][reading] for group in groups]
-            left = at + (i - (len(shown) - 1) / 2) * width
-            bars = ax.bar(left, heights, width * 0.94, label=name, **looks[i])
-            ax.bar_label(bars, [f"{100 * h:.0f}" for h in heights], fontsize=6, padding=1)
-        ax.set_title(f"within {eps:g} σ")
-        ax.set_xticks(at, [name.removeprefix("k=") for name in groups])
-        ax.set_xlabel("k, steps from start to goal" if by_k else "")
-        ax.grid(axis="x", visible=False)
-        ax.set_ylim(0, 1.08)
-        ax.set_yticks(np.linspace(0, 1, 6), [f"{p} %" for p in range(0, 101, 20)])
-    what = "goals passed" if reading == "hit" else "goals held at the last step"
-    panels[0].set_ylabel(what + (" (rms)" if measure == "rms" else ""))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
+def reached(ways: Mapping[str, Sequence[float]], near: str, verb: str) -> Figure:
+    """Shares of goals by the tolerance at which they count: a curve for each way to act.
+
+    Args:
+        ways: name -> distance of every task from its goal, in σ.
+        near: what a distance is, as "in every component".
+        verb: what is done to the goals: "held", "passed".
+    """
+    figure = Figure(figsize=(WIDTH, 3.2))
+    ax = figure.subplots()
+    looks = {"policy": (BLUE, "-"), "planning": (ORANGE, "--")}
+    others = iter(((RED, ":"), (GREY, "-.")))
+    for name, distances in ways.items():
+        at = np.sort(np.clip(distances, 0.01, None))
+        color, dashes = looks.get(name) or next(others)
+        share = np.arange(1, len(at) + 1) / len(at)
+        x, y = np.r_[0.01, at, 10.0], np.r_[0.0, share, 1.0]
+        ax.step(x, y, where="post", color=color, linestyle=dashes, label=name)
+    ax.axvline(0.5, color=BLACK, linestyle="-", linewidth=0.8)
+    ax.text(0.48, 0.02, "counts as reached", rotation=90, ha="right", va="bottom", fontsize=8)
+    ax.set_xscale("log")
+    ax.set_xlim(0.01, 10.0)
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    ax.set_xlabel(f"tolerance, σ {near}")
+    _percent(ax, f"goals {verb}")
+    figure.legend(loc="outside upper right", ncols=4)
     return figure
 
 
@@ -175,14 +172,31 @@ def over_time(
         steps_axis(ax)
         if log:
             ax.set_yscale("log")
-        if i in share:
-            ax.set_ylim(0, 1.02)
-            ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:.0f} %"))
+        elif i in share:
+            _percent(ax)
+        elif (linear := _flattened([metrics[name] for name in curves if name in metrics])) > 0:
+            ax.set_yscale("symlog", linthresh=linear)
+            ax.set_title(f"{title} (logarithmic beyond {linear:.2g})")
         if len(curves) > 1:
             ax.legend(fontsize=8)
     for ax in grid[len(panels) :]:
         ax.set_axis_off()
     return figure
+
+
+def _percent(ax: Axes, label: str = "") -> None:
+    """A y axis of shares."""
+    ax.set_ylim(0, 1.02)
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:.0f} %"))
+    ax.set_ylabel(label)
+
+
+def _flattened(curves: Sequence[Float[np.ndarray, " n"]]) -> float:
+    """What most values keep below, where a spike would flatten them all; else 0."""
+    sizes = np.abs(np.concatenate([*curves, np.zeros(1)]))
+    sizes = sizes[np.isfinite(sizes)]
+    most = float(np.percentile(sizes, 90))
+    return most if sizes.max() > _SPIKE * most else 0.0
 
 
 @styled

@@ -1,11 +1,10 @@
 """The report of a run: one page that needs nothing else, and the same pictures as PNG files."""
 
 import base64
-import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -14,22 +13,12 @@ from matplotlib.figure import Figure
 from everystate.agent import load
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
-from everystate.evaluation import suites
+from everystate.evaluation import references, suites
 from everystate.training.collection import read_samples
-from everystate.training.logging import read_metrics
 from everystate.viewing import maps, page, plots
-from everystate.viewing.figures import scores
-from everystate.viewing.film import filmstrip
-
-
-class Picture(NamedTuple):
-    """A figure of the report."""
-
-    name: str
-    """Its file is NAME.png."""
-    title: str
-    caption: str
-    draw: Callable[[], Figure]
+from everystate.viewing.curves import over_time
+from everystate.viewing.film import journey
+from everystate.viewing.pictures import Film, Picture
 
 
 def report(
@@ -41,8 +30,10 @@ def report(
 ) -> Path:
     """Writes `index.html`, its PNGs and the result, and returns the page's path.
 
-    A picture that cannot be drawn is replaced by a line that says why; other files in the folder
-    are left as they are. What planning does is drawn where the result has it.
+    Random actions and doing nothing are measured on the same goals, to compare with. A picture that
+    cannot be drawn is replaced by a line that says why; its own pictures of before are replaced,
+    other files in the folder are left as they are. What planning does is drawn where the result has
+    it.
 
     Args:
         run_dir: a run's folder, with its metrics, samples and checkpoints; or an agent, as `load`
@@ -56,15 +47,17 @@ def report(
     """
     folder, run_dir = report_folder(run_dir, out), Path(run_dir)
     agent = load(run_dir) if agent is None else agent
+    result = {**result, "references": references(result, agent.config)}
     shown: list[page.Shown] = []
     for picture in pictures(run_dir, result, agent):
-        path = folder / f"{picture.name}.png"
+        path = folder / picture.file
+        path.unlink(missing_ok=True)  # an older one would be taken for this run's
         try:
-            plots.save(picture.draw(), path)
+            picture.write(path)
             data = base64.b64encode(path.read_bytes()).decode()
-            shown.append(page.Shown(picture.title, picture.caption, data))
+            source = f"data:image/{path.suffix[1:]};base64,{data}"
+            shown.append(page.Shown(picture.title, picture.caption, source))
         except EverystateError as error:
-            path.unlink(missing_ok=True)  # an older one would be taken for this run's
             shown.append(page.Shown(picture.title, f"Not drawn: {error}", None))
     (folder / "evaluation.json").write_text(json.dumps(result, allow_nan=False) + "\n")
     target = folder / "index.html"
@@ -93,7 +86,9 @@ def report_folder(run_dir: Path | str, out: Path | None = None) -> Path:
     return folder
 
 
-def pictures(run_dir: Path, result: Mapping[str, Any], agent: maps.Explorer) -> list[Picture]:
+def pictures(
+    run_dir: Path, result: Mapping[str, Any], agent: maps.Explorer
+) -> list[Picture | Film]:
     """All pictures there are for this run, in the order of the page."""
     config = agent.config
     env = make(config.body, 1, 0, **parse_options(config.body_options))
@@ -102,113 +97,34 @@ def pictures(run_dir: Path, result: Mapping[str, Any], agent: maps.Explorer) -> 
     if first["tasks"] < len(suite.goals):
         suite = suite.subset(first["tasks"])
     planning = bool(first["planning"])
-    found = [
-        *_successes(result),
-        Picture(
-            "filmstrip",
-            "On its way",
-            "From a start to a goal (green ghost) of the suite, under the body's own noise, until"
-            " the body is within 0.5 σ of it: a task of median duration among those it holds.",
-            lambda: filmstrip(agent, env, suite, planning=planning),
-        ),
+    film = Film(
+        "On its way",
+        "From a start to a goal (green ghost) of the suite, under the body's own noise, and a"
+        " second at it: a task of median duration among those it holds. Below are the steps to go"
+        " by −V, and the largest distance of a component from the goal.",
+        lambda: journey(agent, env, suite, planning=planning),
+        env,
+    )
+    reached = [
+        _reached(name, one, result["references"].get(name, {}))
+        for name, one in result["suites"].items()
     ]
     mapped = on_the_map(run_dir, agent, env, suite, planning=planning)
-    return found + mapped + over_time(run_dir)
+    return [film, *reached, *mapped, *over_time(run_dir)]
 
 
-def _successes(result: Mapping[str, Any]) -> list[Picture]:
-    return [
-        Picture(
-            f"success-{name}",
-            f"Goals reached, suite {name}",
-            f"Share of {suite['tasks']} fixed tasks ({suite['scored_by']}). σ is the spread of"
-            " each component over the body's world.",
-            functools.partial(plots.success_by_group, suite),
-        )
-        for name, suite in result["suites"].items()
-    ]
-
-
-def over_time(run_dir: Path) -> list[Picture]:
-    """Curves of the training, from metrics.jsonl."""
-    columns = plots.columns(read_metrics(run_dir))
-    if "steps" not in columns:
-        return []
-    if "episode/ended" in columns:  # an epoch in which none ended says nothing of episodes
-        for name in ("episode/length", "episode/reached"):
-            columns[name] = np.where(columns["episode/ended"] > 0, columns[name], np.nan)
-    if not columns.get("env/falls_per_1000", np.zeros(1)).any():  # a body that cannot fall
-        columns.pop("env/falls_per_1000", None)
-    models = {"f": "states", "d": "dynamics", "pi": "policy", "c": "curriculum", "V": "value"}
-    curves: dict[str, tuple[str, str, list[tuple[str, dict[str, str]]], dict[str, Any]]] = {
-        "coverage": (
-            "Exploration",
-            "Share of the cells of a fixed grid over the body's bounds that were ever visited, and"
-            " falls while training.",
-            [
-                ("cells visited", {"coverage/cells": ""}),
-                ("falls per 1,000 steps", {"env/falls_per_1000": ""}),
-            ],
-            {"share": [0]},
-        ),
-        "episodes": (
-            "Episodes",
-            "Episodes end when V has stopped rising; a goal counts as reached when the body came"
-            " near it at any step. Goals are the least likely of those the agent imagined: as it"
-            " learns it sets itself harder ones.",
-            [
-                ("steps per episode", {"episode/length": ""}),
-                ("training goals reached", {"episode/reached": ""}),
-            ],
-            {"share": [1]},
-        ),
-        "replay": (
-            "Effective sample sizes",
-            "How many items of each buffer a draw is spread over, (Σw)²/Σw². Near 1 the learner"
-            " would see the same item again and again.",
-            [
-                (
-                    "effective number of items",
-                    {
-                        "replay/ess_states": "states",
-                        "replay/ess_goals": "goals",
-                        "replay/ess_transitions": "transitions",
-                        "replay/size": "buffer size",
-                    },
-                )
-            ],
-            {"log": True, "columns": 1},
-        ),
-        "targets": (
-            "Value targets",
-            "About minus the number of steps to the goal: the targets of V, and the least of each"
-            " minibatch, as means over an epoch.",
-            [("V target", {"value/target": "mean", "value/target_min": "least"})],
-            {"columns": 1},
-        ),
-        "losses": (
-            "Losses",
-            "Negative log-likelihoods of the four flows (nats) and the squared error of V.",
-            [(f"{n}: {what}", {f"loss/{n}": ""}) for n, what in models.items()],
-            {"columns": 3},
-        ),
-    }
-    evaluated = scores(columns)
-    if evaluated:
-        curves["evaluation"] = (
-            "Goals reached while training",
-            "Scores on the suites that are for looking at while settings are chosen (tune).",
-            [(f"suite {suite}", labels) for suite, labels in evaluated.items()],
-            {"share": list(range(len(evaluated))), "columns": 1},
-        )
-    found = []
-    for name, (title, caption, panels, options) in curves.items():
-        kept = [i for i, (_, panel) in enumerate(panels) if not columns.keys().isdisjoint(panel)]
-        shares = [i for i, panel in enumerate(kept) if panel in options.get("share", ())]
-        drawn, options = [panels[i] for i in kept], options | {"share": shares}
-        draw = functools.partial(plots.over_time, columns, drawn, **options)
-        found += [Picture(name, title, caption, draw)] if drawn else []
-    return found
+def _reached(name: str, suite: Mapping[str, Any], references: Mapping[str, Any]) -> Picture:
+    measure, reading = page.scored_by(suite)
+    column = f"{measure}_{'nearest' if reading == 'hit' else reading}"
+    ways = {way: suite[way] for way in ("policy", "planning") if suite[way]} | dict(references)
+    distances = {way: one["tasks"][column] for way, one in ways.items()}
+    return Picture(
+        f"reached-{name}",
+        f"How near it comes, suite {name}",
+        f"Share of {suite['tasks']} goals by the tolerance at which they count; σ is the spread of"
+        " each component over the body's world. Random actions and doing nothing stand beside it.",
+        lambda: plots.reached(distances, page.NEAR[measure], page.VERBS[reading][1]),
+    )
 
 
 def on_the_map(
