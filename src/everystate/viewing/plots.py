@@ -5,6 +5,7 @@ hatching too, so that a grey print can be read.
 """
 
 import functools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -174,9 +175,8 @@ def over_time(
             ax.set_yscale("log")
         elif i in share:
             _percent(ax)
-        elif (linear := _flattened([metrics[name] for name in curves if name in metrics])) > 0:
-            ax.set_yscale("symlog", linthresh=linear)
-            ax.set_title(f"{title} (logarithmic beyond {linear:.2g})")
+        else:
+            _unflatten(ax, [metrics[name] for name in curves if name in metrics])
         if len(curves) > 1:
             ax.legend(fontsize=8)
     for ax in grid[len(panels) :]:
@@ -191,12 +191,17 @@ def _percent(ax: Axes, label: str = "") -> None:
     ax.set_ylabel(label)
 
 
-def _flattened(curves: Sequence[Float[np.ndarray, " n"]]) -> float:
-    """What most values keep below, where a spike would flatten them all; else 0."""
-    sizes = np.abs(np.concatenate([*curves, np.zeros(1)]))
-    sizes = sizes[np.isfinite(sizes)]
-    most = float(np.percentile(sizes, 90))
-    return most if sizes.max() > _SPIKE * most else 0.0
+def _unflatten(ax: Axes, curves: Sequence[Float[np.ndarray, " n"]]) -> None:
+    """Where a spike would flatten all else, a y axis that is logarithmic beyond what most keep."""
+    values = np.concatenate([*curves, np.zeros(1)])
+    values = values[np.isfinite(values)]
+    most = float(np.percentile(np.abs(values), 90))
+    if not np.abs(values).max() > _SPIKE * most > 0:
+        return
+    linear = 10.0 ** math.ceil(math.log10(most))
+    ax.set_yscale("symlog", linthresh=linear)
+    ax.set_ylim(1.5 * float(values.min()), 1.5 * float(values.max()))
+    ax.set_ylabel(f"logarithmic beyond {linear:g}")
 
 
 @styled
