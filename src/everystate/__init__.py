@@ -13,14 +13,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from everystate import envs, evaluation, viewing
+    from everystate import envs, evaluation
     from everystate.agent import Agent, load
     from everystate.config import Config
     from everystate.errors import EverystateError
     from everystate.presets import preset
     from everystate.training import Tracker, train
 
-_MODULES = ("envs", "evaluation", "viewing")
+_MODULES = ("envs", "evaluation")
 __all__ = [
     "Agent",
     "Config",
@@ -31,7 +31,6 @@ __all__ = [
     "load",
     "preset",
     "train",
-    "viewing",
 ]
 
 _HOMES = {
