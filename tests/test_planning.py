@@ -44,7 +44,7 @@ def nothing(state: Any, goal: Any) -> Any:
 def chosen(models: Any, state: Any, goal: Any, key: int = 0, **fields: Any) -> Any:
     planning = Planning(**{"candidates": 64, "rounds": 4, **fields})
     arrays = jnp.asarray(state, jnp.float32), jnp.asarray(goal, jnp.float32)
-    return np.asarray(plan(CONFIG, planning, models, *arrays, key=jax.random.key(key)))
+    return np.asarray(plan(CONFIG, planning, models, *arrays, key=jax.random.key(key))[0])
 
 
 def test_it_stays_at_a_goal_that_v_thinks_nothing_of_leaving() -> None:

@@ -35,6 +35,15 @@ class Unit(NamedTuple):
     """1 σ, by which goals are scored and distances shown."""
 
 
+class Plan(NamedTuple):
+    """What an agent means to do, and where it expects that to lead; in the units of the body."""
+
+    actions: Float32[np.ndarray, "*n horizon action"]
+    """In [-1, 1], one after the other."""
+    states: Float32[np.ndarray, "*n horizon+1 state"]
+    """By the learned dynamics without their noise; the first is that from which it plans."""
+
+
 @final
 @dataclass(frozen=True, repr=False)
 class Agent:
@@ -104,11 +113,25 @@ class Agent:
         states, goals, single = self._pairs(observation, goal)
         if plan:
             planning = plan if isinstance(plan, Planning) else Planning()
-            key = jax.random.key(seed)
-            actions = compiled.plan(self.config, planning, self.models, states, goals, key)
+            actions = self._search(states, goals, planning, seed)[:, 0]
         else:
             actions = compiled.act(self.config, self.models, states, goals)
         return _returned(actions, single)
+
+    def plan(
+        self,
+        observation: ArrayLike,
+        goal: ArrayLike,
+        *,
+        planning: Planning | None = None,
+        seed: int = 0,
+    ) -> Plan:
+        """The few actions in a row of which `act` with `plan` returns the first, and their way."""
+        states, goals, single = self._pairs(observation, goal)
+        actions = self._search(states, goals, planning or Planning(), seed)
+        way = compiled.ahead(self.models, states, actions)
+        way = way * self.scale.spread + self.scale.centre
+        return Plan(_returned(actions, single), _returned(way, single))
 
     def predict(
         self, observation: ArrayLike, goal: ArrayLike, deterministic: bool = True, *, seed: int = 0
@@ -198,6 +221,12 @@ class Agent:
                 f"the {what} is {states[place]} in {names[place[-1]]}: it must be finite"
             )
         return (states - np.asarray(self.scale.centre)) / np.asarray(self.scale.spread)
+
+    def _search(
+        self, states: Float[Array, "n s"], goals: Float[Array, "n s"], planning: Planning, seed: int
+    ) -> Float[Array, "n horizon a"]:
+        key = jax.random.key(seed)
+        return compiled.plan(self.config, planning, self.models, states, goals, key)
 
     def _pairs(
         self, observation: ArrayLike, goal: ArrayLike

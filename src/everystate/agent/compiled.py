@@ -59,13 +59,27 @@ def plan(
     states: Float[Array, "n s"],
     goals: Float[Array, "n s"],
     key: PRNGKeyArray,
-) -> Float[Array, "n a"]:
-    """The first actions of what a search finds for each."""
+) -> Float[Array, "n horizon a"]:
+    """The actions, one after the other, that a search finds for each."""
     return jax.lax.map(
         lambda x: search(config, planning, models, x[0], x[1], key=x[2]),
         (states, goals, jax.random.split(key, len(states))),
         batch_size=_even(len(states)),
     )
+
+
+@eqx.filter_jit
+def ahead(
+    models: Models, states: Float[Array, "n s"], actions: Float[Array, "n horizon a"]
+) -> Float[Array, "n horizon+1 s"]:
+    """Where the dynamics, without noise, say that actions lead, from the states on."""
+
+    def one(s: Float[Array, "n s"], action: Float[Array, "n a"]) -> tuple[Array, Array]:
+        after = jax.vmap(models.dynamics.central)(s, action)
+        return after, after
+
+    way = jax.lax.scan(one, states, jnp.moveaxis(actions, 1, 0))[1]
+    return jnp.moveaxis(jnp.concatenate([states[None], way]), 0, 1)
 
 
 def _even(count: int) -> int:

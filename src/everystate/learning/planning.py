@@ -53,8 +53,8 @@ def plan(
     goal: Float[Array, " s"],
     *,
     key: PRNGKeyArray,
-) -> Float[Array, " a"]:
-    """The first action of the best sequence found, for one scaled (s, g).
+) -> Float[Array, "horizon a"]:
+    """The best sequence of actions found, for one scaled (s, g).
 
     Half of the first round's sequences follow the policy through the learned dynamics, one of them
     at z = 0; half are uniformly random. Later rounds refine them by the cross-entropy method
@@ -78,7 +78,7 @@ def _search(
     state: Float[Array, " s"],
     goal: Float[Array, " s"],
     key: PRNGKeyArray,
-) -> Float[Array, " a"]:
+) -> Float[Array, "horizon a"]:
     key_noise, key_policy, key_random, *keys = jax.random.split(key, 2 + planning.rounds)
     noises = jax.random.normal(key_noise, (planning.rollouts, planning.horizon, state.size))
 
@@ -117,4 +117,4 @@ def _search(
         around = jnp.clip(best.mean(axis=0)[None] + spread[None] * noise, -1, 1)
         sequences = jnp.concatenate([best, around])
         values = jnp.concatenate([values[order], jax.vmap(worth)(around)])
-    return sequences[jnp.argmax(values), 0]
+    return sequences[jnp.argmax(values)]

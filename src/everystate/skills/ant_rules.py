@@ -107,5 +107,7 @@ def for_three_seconds(
 ) -> Bool[np.ndarray, " starts"]:
     """Whether over any 3 s the mean is at least so much and something holds all the while."""
     window = 3 * SECOND
+    if len(rate) < window:
+        return np.zeros(rate.shape[1], dtype=bool)
     enough = sliding_window_view(rate, window, axis=0).mean(axis=-1) >= least
     return (enough & sliding_window_view(at, window, axis=0).all(axis=-1)).any(axis=0)

@@ -26,7 +26,7 @@ class Skill:
     """Control steps in all."""
     starts: Starts
     done: Rule
-    """Of states [steps + 1, starts, state], which starts led to success."""
+    """Of states [steps + 1, starts, state], which starts led to success; of fewer, did already."""
     may_fall: bool = True
     """Whether a fall on the way (`falls` of the body) still counts."""
 
@@ -47,8 +47,8 @@ def held(at: At, steps: int) -> Rule:
 
 
 def kept(at: At, steps: int) -> Rule:
-    """At each of the last so many steps."""
-    return lambda states: np.asarray(at(states)[-steps:].all(axis=0))
+    """At each of the last so many steps, of at least as many."""
+    return lambda states: np.asarray(at(states)[-steps:].all(axis=0) & (len(states) >= steps))
 
 
 def once(at: At) -> Rule:

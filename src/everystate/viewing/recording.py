@@ -11,6 +11,7 @@ from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
 from everystate.evaluation import perform, warn_of_another_model
 from everystate.skills import skill as skill_of
+from everystate.viewing.pursuit import distance
 
 EXPLORED = 5
 """How many proposed goals `explore` goes to."""
@@ -26,7 +27,7 @@ class Recording:
     steps_to_goal: Float[np.ndarray, " steps"]
     """What the agent thought: -V(s, g)."""
     distance: Float[np.ndarray, " steps"]
-    """max_i |s_i - g_i| in spreads of the component."""
+    """In σ; see `pursuit.distance`."""
 
 
 def body_of(agent: Agent, seed: int = 0) -> BodyVectorEnv:
@@ -88,7 +89,10 @@ def _recording(
     goals: Float[np.ndarray, "steps state"],
 ) -> Recording:
     goals = goals.astype(np.float32)
-    apart = np.abs(states - goals) / np.asarray(agent.scale.spread)
     return Recording(
-        title, states, goals, np.asarray(agent.steps_to_goal(states, goals)), apart.max(axis=1)
+        title,
+        states,
+        goals,
+        np.asarray(agent.steps_to_goal(states, goals)),
+        distance(states, goals, np.asarray(agent.scale.spread)),
     )

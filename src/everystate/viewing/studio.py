@@ -8,32 +8,25 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import viser
-from jaxtyping import Float
-from viser import uplot
 
 from everystate.agent import load
 from everystate.envs import MujocoVectorEnv
 from everystate.errors import EverystateError
-from everystate.skills import SKILLS
-from everystate.viewing import plots
 from everystate.viewing.gate import Gate
+from everystate.viewing.panel import Panel
+from everystate.viewing.recording import Recording
 from everystate.viewing.stage import Stage
-from everystate.viewing.world import MASSES, World
+from everystate.viewing.video import as_gif
+from everystate.viewing.world import World
 
 HOST = "127.0.0.1"
 """This machine alone."""
 _PLOT_PERIOD = 0.25  # seconds between updates of the plots
+_READ_PERIOD = 5.0  # seconds for which a problem stays to be read
 _FOLLOW_PERIOD = 5.0  # seconds between looks for a newer checkpoint of the run
-_PLOTS = {
-    "V": "value",
-    "steps to go": "steps_to_goal",
-    "distance, σ": "distance",
-    "log density": "log_density",
-}
 
 
 class Studio:
@@ -72,13 +65,12 @@ class Studio:
         with contextlib.redirect_stdout(io.StringIO()), self.gate.around():
             self._server = viser.ViserServer(host, port, label="Everystate", verbose=False)
         self.address = self.gate.address(self._server.get_port())
-        self._stage = Stage(self._server, env.body)
         self._commands: dict[str, Callable[[], None]] = {}  # The last of each control.
+        self._stage = Stage(self._server, env.body, self._pull)
+        self._panel = Panel(self._server.gui, self.world, self._do, self._film, str(run))
         self._control_step = env.control_step or 0.04
         self._stopped = threading.Event()
-        self._slid_to: Float[np.ndarray, " state"] = np.empty(0, dtype=np.float32)
         self._newest: Path | None = None  # of the checkpoints that were looked at
-        self._page(env)
         self._live = threading.Thread(target=self._run, name="studio", daemon=True)
         self._live.start()
 
@@ -94,92 +86,27 @@ class Studio:
         while self._live.is_alive():
             self._live.join(timeout=0.5)
 
-    # --- The page ---
-
-    def _page(self, env: MujocoVectorEnv) -> None:
-        gui, world = self._server.gui, self.world
-        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
-        self._said = gui.add_markdown(self._about())
-        with gui.add_folder("Send it"):
-            skills = SKILLS.get(world.agent.config.body, {})
-            if skills:
-                performed = {name: partial(world.perform, name) for name in skills}
-                texts = (f"{name}: {skill.text}" for name, skill in skills.items())
-                self._buttons("skill", performed, "\n".join(texts))
-            sent = {
-                "surprise me": world.surprise,
-                "anywhere": world.anywhere,
-                "stay here": lambda: world.send(world.state),
-            }
-            self._buttons(
-                "goal", sent, "a goal it proposes, one of the evaluation's, its own state"
-            )
-        with gui.add_folder("Goal"):
-            low, high = _ranges(world)
-            self._sliders = [
-                gui.add_slider(
-                    f"{name} ({unit})", float(a), float(b), float((b - a) / 400), float(x)
-                )
-                for name, unit, a, b, x in zip(
-                    env.state_names,
-                    env.state_units,
-                    low,
-                    high,
-                    world.goal.clip(low, high),
-                    strict=True,
-                )
-            ]
-            for slider in self._sliders:
-                slider.on_update(self._slid)
-        with gui.add_folder("What it thinks"):
-            self._plots = {
-                name: gui.add_uplot(
-                    (np.arange(2.0), np.zeros(2)),
-                    ({"label": "step"}, {"label": title, "stroke": plots.BLUE, "width": 2}),
-                    title=title, height=110, scales={"x": uplot.Scale(time=False)},
-                    legend={"show": False},
-                )
-                for title, name in _PLOTS.items()
-            }  # fmt: skip
-            self._map = None
-            if len(env.state_names) == 2:
-                self._map = gui.add_image(
-                    self._map_of(world.goal), label="V, and goals it proposes"
-                )
-        with gui.add_folder("How"):
-            self._paused = gui.add_checkbox("pause", False)
-            self._speed = gui.add_slider("speed", 0.1, 2.0, 0.1, 1.0)
-            plan = gui.add_checkbox("plan ahead", world.plan)
-            plan.on_update(lambda _: self._do("plan", partial(setattr, world, "plan", plan.value)))
-            fear = gui.add_checkbox("expect the worst", world.pessimistic)
-            fear.on_update(
-                lambda _: self._do("fear", partial(setattr, world, "pessimistic", fear.value))
-            )
-            mass = gui.add_slider("mass", *MASSES, 0.05, 1.0)
-            mass.on_update(lambda _: self._do("mass", partial(world.weigh, mass.value)))
-            self._buttons("disturb", {"push": world.push}, "jolts the body")
-
-    def _buttons(self, label: str, actions: dict[str, Callable[[], None]], hint: str) -> None:
-        group = self._server.gui.add_button_group(label, tuple(actions), hint=hint)
-        group.on_click(lambda _: self._do(label, actions[group.value]))
-
     def _do(self, control: str, action: Callable[[], None]) -> None:
         """Leaves it to the thread in which the body lives: the last that was wanted in a step."""
         self._commands[control] = action
 
-    def _slid(self, event: Any) -> None:
-        if event.client is not None:  # not by us
-            self._slid_to = np.array([slider.value for slider in self._sliders], dtype=np.float32)
-            self._do("goal", partial(self.world.send, self._slid_to))
+    def _pull(self, part: int, start: np.ndarray, end: np.ndarray) -> None:
+        self._do("body", partial(self.world.pull, part, start, end))
 
-    def _about(self, problem: str = "") -> str:
-        config = self.world.agent.config
-        text = f"**{config.body}**, {self.run}. Its goal is the green ghost."
-        return f"{text}\n\n**{problem}**" if problem else text
+    def _film(self, client: viser.ClientHandle) -> None:
+        def draw(recorded: Recording) -> None:
+            note = client.add_notification("Drawing a film", "of the last seconds", loading=True)
+            try:
+                client.send_file_download(*as_gif(recorded, self.world.env), save_immediately=True)
+            except EverystateError as error:
+                client.add_notification("There is no film", str(error), color="red")
+            note.remove()
 
-    def _map_of(self, goal: Float[np.ndarray, " state"]) -> np.ndarray:
-        bounds = self.world.env.single_observation_space
-        return plots.value_image(self.world.agent, bounds.low, bounds.high, goal)  # pyright: ignore
+        def begin() -> None:  # the body lives on while it is drawn
+            recorded = self.world.recording()
+            threading.Thread(target=draw, args=(recorded,), name="film", daemon=True).start()
+
+        self._do("film", begin)
 
     # --- The life ---
 
@@ -191,38 +118,24 @@ class Studio:
             try:
                 while self._commands:
                     self._commands.popitem()[1]()
-                if not self._paused.value:
+                if not self._panel.paused:
                     self.world.step()
                 if goal is None or not np.array_equal(goal, self.world.goal):
                     goal = self.world.goal.copy()
-                    self._show_goal(goal)
-                self._stage.show(self.world.state, self.world.trail)
+                    self._stage.show_goal(goal)
+                self._stage.show(self.world.state, self.world.trail, self.world.ahead)
                 if began - shown > _PLOT_PERIOD:
                     shown = began
-                    self._show_thoughts()
+                    self._panel.show()
                 if began - checked > _FOLLOW_PERIOD:
                     checked = began
                     self._follow()
             except EverystateError as error:
-                self._said.content = self._about(str(error))
+                self._panel.tell(str(error))
+                shown = began + _READ_PERIOD
             # A late step is made up for by the next ones; a very late one is not.
-            due = max(due, began - _PLOT_PERIOD) + self._control_step / self._speed.value
+            due = max(due, began - _PLOT_PERIOD) + self._control_step / self._panel.speed
             self._stopped.wait(max(0.0, due - time.perf_counter()))
-
-    def _show_goal(self, goal: Float[np.ndarray, " state"]) -> None:
-        self._stage.show_goal(goal)
-        # Sliders that brought it there may have been moved on since.
-        if not np.array_equal(goal, self._slid_to):
-            for slider, value in zip(self._sliders, goal, strict=True):
-                slider.value = float(np.clip(value, slider.min, slider.max))
-        if self._map is not None:
-            self._map.image = self._map_of(goal)
-
-    def _show_thoughts(self) -> None:
-        thoughts = self.world.thoughts()
-        ago = np.arange(1.0 - len(thoughts.value), 1.0)
-        for name, plot in self._plots.items():
-            plot.data = (ago, getattr(thoughts, name).astype(float))
 
     def _follow(self) -> None:
         """A run that is still training: takes its newest checkpoint."""
@@ -230,15 +143,6 @@ class Studio:
         if found and found[-1] != self._newest:
             self._newest = found[-1]
             self.world.follow(load(self.run))
-
-
-def _ranges(world: World) -> tuple[Float[np.ndarray, " state"], Float[np.ndarray, " state"]]:
-    """Bounds of the sliders: the body's, or three spreads where it has none."""
-    space: Any = world.env.single_observation_space
-    centre, spread = (np.asarray(x, dtype=float) for x in world.agent.scale)
-    low = np.where(np.isfinite(space.low), space.low, np.floor(centre - 3 * spread))
-    high = np.where(np.isfinite(space.high), space.high, np.ceil(centre + 3 * spread))
-    return low, high
 
 
 def _free(host: str, port: int) -> int:

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import closing
@@ -92,6 +93,17 @@ def write(
     finally:
         part.unlink(missing_ok=True)
     return path
+
+
+def as_gif(recording: Recording, env: BodyVectorEnv) -> tuple[str, bytes]:
+    """A file name and what is to be in it.
+
+    Raises:
+        EverystateError: nothing to draw with.
+    """
+    name = f"{Path(env.name).name}-{recording.title.replace(' ', '-')}.gif"
+    with tempfile.TemporaryDirectory() as folder:
+        return name, write(recording, env, Path(folder) / "film.gif").read_bytes()
 
 
 def filmstrip(

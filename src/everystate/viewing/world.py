@@ -10,6 +10,9 @@ from everystate.agent import Agent, Performance, step_seed
 from everystate.envs import BodyVectorEnv, MujocoVectorEnv, make, parse_options
 from everystate.errors import EverystateError
 from everystate.evaluation import suites, warn_of_another_model
+from everystate.viewing.pursuit import Pursuit, distance
+from everystate.viewing.push import pulled
+from everystate.viewing.recording import Recording
 
 JOLT = 0.5
 """A push changes each velocity by about this many spreads."""
@@ -26,15 +29,15 @@ REMEMBERED = 250
 class Thoughts(NamedTuple):
     """What the agent thinks of the last steps, and how far from its goals it then was."""
 
-    value: Float32[np.ndarray, " steps"]
     steps_to_goal: Float32[np.ndarray, " steps"]
-    distance: Float32[np.ndarray, " steps"]
-    """max_i |s_i - g_i| in spreads of the component."""
+    """-V(s, g)."""
+    distance: Float[np.ndarray, " steps"]
+    """In σ, as a `Pursuit` measures it."""
     log_density: Float32[np.ndarray, " steps"]
 
 
 class World:
-    """A body that is sent from goal to goal, pushed about and made heavier; never reset."""
+    """A body that is sent from goal to goal, pushed about and made heavier."""
 
     def __init__(self, agent: Agent, seed: int = 0, *, plan: bool | None = None) -> None:
         """Begins where the body does, with its own state as its goal.
@@ -47,36 +50,50 @@ class World:
         self.mass = 1.0
         self._rng = np.random.default_rng(seed)
         self._seed, self.steps = seed, 0
-        self._performance: Performance | None = None
         self.env = self._made()
-        self.state: State = self.env.reset(seed=seed)[0][0]
-        self._goal = self.state.copy()
-        self._states = self._goals = np.tile(self.state, (REMEMBERED, 1))
+        self._begin(self.env.reset(seed=seed)[0][0])
+
+    def _begin(self, state: State) -> None:
+        self.state = state
+        self._states = self._goals = np.tile(state, (REMEMBERED, 1))
         self._trail = np.zeros((REMEMBERED, 2))
+        self._lived = 0
+        self.send(state, "stay here")
+
+    def restart(self) -> None:
+        """Puts the body where it begins, with that as its goal, and forgets its way."""
+        self._begin(self.env.reset()[0][0])
 
     @property
     def goal(self) -> State:
         """Where it is going: of a skill, the goal that is next."""
         return self._performance.goal if self._performance else self._goal
 
-    def send(self, goal: Float[np.ndarray, " state"]) -> None:
+    def send(self, goal: Float[np.ndarray, " state"], name: str = "goal") -> None:
         """Goes to a state, and stays there if it can."""
-        self._performance = None
-        self._goal = np.asarray(goal, dtype=np.float32)
+        self._performance: Performance | None = None
+        self._goal: State = np.asarray(goal, dtype=np.float32)
+        self._pursue(name)
 
     def perform(self, skill: str) -> None:
         """Performs a named skill, and goes on with its last goal."""
         self._performance = self._acting().perform(skill, plan=self.plan, seed=self._seed)
+        self._pursue(skill)
+
+    def _pursue(self, name: str) -> None:
+        skill = self._performance.skill if self._performance else None
+        self.pursuit = Pursuit(name, skill, [self.state])
+        self.ahead: Float32[np.ndarray, "horizon+1 state"] | None = None
 
     def surprise(self) -> None:
         """Goes to a goal that the agent proposes."""
-        self.send(self.agent.propose_goals(1, int(self._rng.integers(2**31)))[0])
+        self.send(self.agent.propose_goals(1, int(self._rng.integers(2**31)))[0], "surprise")
 
     def anywhere(self) -> None:
         """Goes to one of the goals of the body's suite, all of which it can be in."""
         config = self.agent.config
         goals = suites.load(config.body, options=config.body_options).goals
-        self.send(goals[self._rng.integers(len(goals))])
+        self.send(goals[self._rng.integers(len(goals))], "anywhere")
 
     def push(self) -> None:
         """Jolts its velocities, or its place if it has none."""
@@ -87,6 +104,11 @@ class World:
             JOLT * np.asarray(self.agent.scale.spread) * self._rng.choice([-1.0, 1.0], len(names))
         )
         self._put(self.state + np.where(hit, jolt, 0.0))
+
+    def pull(self, part: int, start: Float[np.ndarray, " 3"], end: Float[np.ndarray, " 3"]) -> None:
+        """Jolts a point of one of the model's bodies towards another point; see `push.pulled`."""
+        if isinstance(self.env, MujocoVectorEnv):
+            self._put(pulled(self.env.model, self.env.body, self.state, part, start, end))
 
     def weigh(self, mass: float) -> None:
         """All masses and inertias of the body times a factor, which the agent does not know of."""
@@ -105,10 +127,16 @@ class World:
         """One control step."""
         goal, actor = self.goal, self._acting()
         seed = step_seed(self._seed, self.steps)
-        action = actor.act(self.state, goal, plan=self.plan, seed=seed)
+        self.ahead = None
+        if self.plan:
+            plan = actor.plan(self.state, goal, seed=seed)
+            action, self.ahead = plan.actions[0], plan.states
+        else:
+            action = actor.act(self.state, goal, seed=seed)
         if self._performance:
             self._performance.step += 1
         self.steps += 1
+        self._lived = min(self._lived + 1, REMEMBERED - 1)
         before, self.state = self.state, self.env.step(action[None])[0][0]
         if self.trail is not None and isinstance(self.env, MujocoVectorEnv):
             x, body = self.env.body.unseen[0], self.env.body
@@ -116,6 +144,7 @@ class World:
             self._trail = np.concatenate([self._trail[1:], self._trail[-1:] + moved])
         self._states = np.concatenate([self._states[1:], self.state[None]])
         self._goals = np.concatenate([self._goals[1:], goal[None]])
+        self.pursuit.goes_on(self.state, goal, np.asarray(self.agent.scale.spread))
 
     @property
     def trail(self) -> Float[np.ndarray, "steps 2"] | None:
@@ -126,12 +155,28 @@ class World:
     def thoughts(self) -> Thoughts:
         """On each of the last `REMEMBERED` steps; before the first it had stood where it began."""
         states, goals = self._states, self._goals
-        apart = np.abs(states - goals) / np.asarray(self.agent.scale.spread)
         return Thoughts(
-            self.agent.value(states, goals),
             self.agent.steps_to_goal(states, goals),
-            apart.max(axis=1),
+            distance(states, goals, np.asarray(self.agent.scale.spread)),
             self.agent.log_density(states),
+        )
+
+    def recording(self) -> Recording:
+        """Of what it remembers.
+
+        Raises:
+            EverystateError: it has only just begun.
+        """
+        if not self._lived:
+            raise EverystateError("there is nothing to film: let it live for a second")
+        thoughts = self.thoughts()
+        last = slice(-self._lived - 1, None)
+        return Recording(
+            self.pursuit.name,
+            self._states[last],
+            self._goals[last],
+            thoughts.steps_to_goal[last],
+            thoughts.distance[last],
         )
 
     def _acting(self) -> Agent:

@@ -1,0 +1,82 @@
+"""What a body was last asked for, since when, and whether it has been reached."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from everystate.envs import BodyVectorEnv
+from everystate.evaluation import metrics
+from everystate.skills import Skill
+
+REACHED = 0.5
+"""σ from a goal, at which it counts as reached, as in the evaluations."""
+
+
+def distance(
+    states: Float[np.ndarray, "steps state"],
+    goals: Float[np.ndarray, "*steps state"],
+    spread: Float[np.ndarray, " state"],
+) -> Float[np.ndarray, " steps"]:
+    """σ from goals: of the furthest component, or the root mean square of more than 12."""
+    apart = np.abs(states - goals) / spread
+    measure = metrics.rms if metrics.chief(len(spread)) == "rms" else metrics.largest
+    return measure(apart, np.ones_like(apart))
+
+
+@dataclass
+class Pursuit:
+    """A goal, or a skill by its name, and the way of the body since."""
+
+    name: str
+    skill: Skill | None
+    states: list[Float32[np.ndarray, " state"]]
+    """From where it began on, no more than the skill's steps."""
+    steps: int = 0
+    """Control steps since it was asked for."""
+    reached: int | None = None
+    """After how many the goal was first reached; of a skill, when its rule was last fulfilled."""
+    _asked: int = field(default=0, repr=False)
+
+    @property
+    def over(self) -> bool:
+        """Whether it has had its time; a goal has no end."""
+        return self.skill is not None and self.steps >= self.skill.steps
+
+    def goes_on(
+        self,
+        state: Float32[np.ndarray, " state"],
+        goal: Float[np.ndarray, " state"],
+        spread: Float[np.ndarray, " state"],
+    ) -> None:
+        """A control step has led to a state."""
+        self.steps += 1
+        if self.skill is not None:
+            if self.steps <= self.skill.steps:
+                self.states.append(state)
+        elif self.reached is None and distance(state[None], goal[None], spread)[0] <= REACHED:
+            self.reached = self.steps
+
+    def judge(self, env: BodyVectorEnv) -> None:
+        """Asks the skill's rule whether the way so far fulfils it; rules may take milliseconds."""
+        if self.skill is None or len(self.states) == self._asked:
+            return
+        self._asked = len(self.states)
+        recorded = np.stack(self.states)[:, None]
+        done: Bool[np.ndarray, " 1"] = self.skill.done(recorded)
+        if not self.skill.may_fall:
+            done = done & ~env.falls(recorded[:-1], recorded[1:]).any(axis=0)
+        if not done[0]:
+            self.reached = None
+        elif self.reached is None:
+            self.reached = self._asked - 1
+
+    def told(self, seconds: float) -> str:
+        """In words, given the length of a control step."""
+        if self.reached is not None:
+            return f"{'done' if self.skill else 'reached'} in {self.reached * seconds:.1f} s"
+        passed = self.steps * seconds
+        if self.skill is None:
+            return f"on its way, {passed:.1f} s"
+        whole = self.skill.steps * seconds
+        return f"not done in {whole:.1f} s" if self.over else f"{passed:.1f} of {whole:.1f} s"

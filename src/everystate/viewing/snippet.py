@@ -1,0 +1,30 @@
+"""What the studio shows, as a program of its user's."""
+
+from everystate.envs import parse_options
+from everystate.viewing.world import World
+
+
+def as_python(world: World, agent: str) -> str:
+    """A program that sends the agent, loaded by its name or path, to the goal now set."""
+    env = world.env
+    options = parse_options(world.agent.config.body_options)
+    given = "".join(f", {name}={value!r}" for name, value in options.items())
+    goal = "\n".join(
+        f"    {value:.4g},  # {name}" + (f", {unit}" if unit != "1" else "")
+        for name, unit, value in zip(env.state_names, env.state_units, world.goal, strict=True)
+    )
+    plan = ", plan=True, seed=step" if world.plan else ""
+    return f"""import everystate
+from everystate.envs import make
+
+agent = everystate.load({agent!r})
+env = make({world.agent.config.body!r}, num_envs=1{given})
+goal = [
+{goal}
+]
+observations, _ = env.reset(seed=0)
+for step in range(250):
+    observations = env.step(agent.act(observations, goal{plan}))[0]
+print(observations[0].round(2))
+print(agent.steps_to_goal(observations, goal))
+"""
