@@ -29,6 +29,7 @@ from everystate.algorithm import Scale
 from everystate.config import FlowFamily
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
+from everystate.learning.planning import Planning
 from everystate.learning.replay import Transitions
 from everystate.presets import PRESETS, preset
 from everystate.training.learner import begin
@@ -107,6 +108,17 @@ def test_shipped_agents_know_the_names_of_their_actions(name: str) -> None:
 def test_one_goal_serves_many_states(agent: Agent) -> None:
     repeated = np.repeat(GOALS[:1], 3, axis=0)
     np.testing.assert_array_equal(agent.act(STATES, GOALS[0]), agent.act(STATES, repeated))
+
+
+def test_a_plan_begins_with_the_action_and_leads_from_the_state(agent: Agent) -> None:
+    plan = agent.plan(STATES, GOALS, seed=1)
+    np.testing.assert_array_equal(plan.actions[:, 0], agent.act(STATES, GOALS, plan=True, seed=1))
+    assert plan.actions.shape == (len(STATES), 8, 2)
+    assert plan.states.shape == (len(STATES), 9, 2)
+    np.testing.assert_allclose(plan.states[:, 0], STATES, atol=1e-5)
+    one = agent.plan(STATES[0], GOALS[0], planning=Planning(horizon=3))
+    assert one.actions.shape == (3, 2)
+    assert one.states.shape == (4, 2)
 
 
 def test_planning_depends_on_nothing_but_the_seed(agent: Agent) -> None:

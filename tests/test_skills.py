@@ -41,6 +41,15 @@ def test_every_skill_asks_for_what_its_body_has(body: str, name: str) -> None:
     assert one.goal(one.steps - 1) == one.goals[-1]
 
 
+@pytest.mark.parametrize(("body", "name"), NAMES)
+def test_rules_can_be_asked_from_the_first_step_on(body: str, name: str) -> None:
+    one = skill(body, name)
+    goal = np.array(one.goals[-1])
+    for steps in (1, 2, 4):
+        assert one.done(np.tile(goal, (steps, 3, 1))).shape == (3,)
+        assert name in ("jump", "pass-top") or not one.done(np.tile(goal, (steps, 3, 1))).any()
+
+
 def test_balance_is_ten_seconds_without_a_break() -> None:
     up, down = np.zeros(300), np.full(300, np.pi)
     assert done("balance", swing(np.concatenate([down, up])))

@@ -12,7 +12,13 @@ import numpy as np
 import pytest
 
 from everystate import load
+from everystate.envs import MujocoVectorEnv, make
 from everystate.errors import EverystateError
+from everystate.skills import skill
+from everystate.viewing.panel import grouped
+from everystate.viewing.pursuit import Pursuit
+from everystate.viewing.shapes import shell, solid
+from everystate.viewing.snippet import as_python
 from everystate.viewing.studio import Studio
 from everystate.viewing.world import World
 from waiting import until
@@ -33,9 +39,14 @@ def test_it_goes_where_it_is_sent_and_stays(world: World) -> None:
     thoughts = world.thoughts()
     assert thoughts.distance[-1] < 0.5 < thoughts.distance[-60]
     assert thoughts.steps_to_goal[-1] < thoughts.steps_to_goal[-60]
-    value = world.agent.value(world.state, world.goal)
-    assert thoughts.value[-1] == pytest.approx(value, abs=1e-4)
+    steps = world.agent.steps_to_goal(world.state, world.goal)
+    assert thoughts.steps_to_goal[-1] == pytest.approx(steps, abs=1e-4)
     assert np.isfinite(thoughts).all()
+    assert world.pursuit.reached is not None
+    assert world.pursuit.told(0.06) == f"reached in {0.06 * world.pursuit.reached:.1f} s"
+    world.send(np.array([-1.0, 1.0]))
+    world.step()
+    assert world.pursuit.told(0.06) == "on its way, 0.1 s"
 
 
 def test_where_it_travels_is_known_though_it_does_not_observe_it(world: World) -> None:
@@ -69,6 +80,137 @@ def test_a_skill_goes_through_its_goals_and_keeps_the_last(world: World) -> None
     assert list(dict.fromkeys(goals)) == [(0.75, 0.8), (0.75, -0.8), (-0.3, -0.3)]
     world.send(np.array([0.0, 0.0]))
     assert world.goal.tolist() == [0.0, 0.0]
+
+
+def test_a_skill_is_told_done_as_soon_as_its_rule_is_fulfilled(world: World) -> None:
+    world.perform("climb")
+    assert world.pursuit.told(0.06) == "0.0 of 7.2 s"
+    while not world.pursuit.over:
+        world.step()
+        world.pursuit.judge(world.env)
+        if world.pursuit.reached is not None:
+            break
+    assert 5 <= world.pursuit.steps == world.pursuit.reached < 120
+    assert world.pursuit.told(0.06) == f"done in {0.06 * world.pursuit.steps:.1f} s"
+
+
+def test_a_skill_that_fell_or_ran_out_of_time_is_told_not_done() -> None:
+    env = make("ramp-pointmass", 1, 0)
+    up = np.array([[-0.9, -0.9], *([[0.0, 0.8]] * 120)], dtype=np.float32)
+    fell = up.copy()
+    fell[50] = [0.0, 0.0]
+    for way, told in ((up, "done in 0.3 s"), (fell, "not done in 7.2 s")):
+        pursuit = Pursuit("climb", skill("ramp-pointmass", "climb"), [way[0]])
+        for state in way[1:]:
+            pursuit.goes_on(state, state, np.ones(2))
+            pursuit.judge(env)
+        assert pursuit.told(0.06) == told
+
+
+def test_starting_over_forgets_its_way(world: World) -> None:
+    world.perform("climb")
+    for _ in range(20):
+        world.step()
+    world.restart()
+    assert world.pursuit.told(0.06) == "on its way, 0.0 s"
+    np.testing.assert_array_equal(world.goal, world.state)
+    np.testing.assert_array_equal(world.thoughts().distance, np.zeros(250))
+    with pytest.raises(EverystateError, match="nothing to film: let it live"):
+        world.recording()
+
+
+def test_what_it_did_last_can_be_filmed(world: World) -> None:
+    world.perform("climb")
+    for _ in range(30):
+        world.step()
+    recorded = world.recording()
+    assert recorded.states.shape == recorded.goals.shape == (31, 2)
+    np.testing.assert_array_equal(recorded.states[-1], world.state)
+    assert recorded.distance.shape == recorded.steps_to_goal.shape == (31,)
+    for _ in range(230):
+        world.step()
+    assert len(world.recording().states) == 250
+
+
+def test_a_pull_moves_the_point_that_is_pulled_after_the_hand(world: World) -> None:
+    world.send(np.array([0.0, 0.0]))
+    before = world.state
+    world.pull(ball(world), np.array([*before, 0.05]), np.array([before[0] + 0.2, before[1], 0.05]))
+    assert 0.05 < world.state[0] - before[0] < 0.25
+    assert world.state[1] == pytest.approx(before[1], abs=1e-6)
+    cartpole = World(load("cartpole"))
+    for side in (-1, 1):
+        cartpole.restart()
+        place, cosine, sine, *still = cartpole.state
+        tip = np.array([place + sine, 0.0, 1.0 + cosine])
+        cartpole.pull(ball(cartpole), tip, tip + np.array([0.3 * side, 0.0, 0.0]))
+        after = cartpole.state
+        np.testing.assert_allclose(after[:3], (place, cosine, sine), atol=1e-5)
+        assert side * (after[3] - still[0]) > 0.1
+        # A pole that hangs follows its tip to the right by turning against the clock.
+        assert -side * (after[4] - still[1]) * cosine > 0 or abs(after[4] - still[1]) < 1e-3
+
+
+def ball(world: World) -> int:
+    """The last of the bodies that can move."""
+    assert isinstance(world.env, MujocoVectorEnv)
+    return int(np.flatnonzero(world.env.model.body_weldid)[-1])
+
+
+def test_what_it_plans_is_known_while_it_plans(world: World) -> None:
+    world.send(np.array([0.4, -0.6]))
+    world.step()
+    assert world.ahead is None
+    world.plan = True
+    before = world.state
+    world.step()
+    assert world.ahead is not None
+    assert world.ahead.shape == (9, 2)
+    np.testing.assert_allclose(world.ahead[0], before, atol=1e-5)
+    np.testing.assert_allclose(world.ahead[1], world.state, atol=0.15)  # its actions are noisy
+    world.plan = False
+    world.step()
+    assert world.ahead is None
+
+
+@pytest.mark.parametrize("plan", [False, True])
+def test_as_a_program_it_goes_to_the_same_goal(plan: bool) -> None:
+    world = World(load("ramp-pointmass"), plan=plan)
+    world.send(np.array([0.25, -0.5]))
+    left: dict[str, Any] = {}
+    code = as_python(world, "ramp-pointmass").replace("range(250)", "range(40)")
+    assert ("plan=True" in code) == plan
+    exec(compile(code, "snippet", "exec"), left)
+    assert left["goal"] == [0.25, -0.5]
+    assert np.abs(left["observations"] - left["goal"]).max() < 0.3
+
+
+def test_components_are_grouped() -> None:
+    def sizes(body: str) -> dict[str, tuple[int, bool]]:
+        env = make(body, 1, 0)
+        assert isinstance(env, MujocoVectorEnv)
+        return {title: (len(which), open) for title, (which, open) in grouped(env).items()}
+
+    assert sizes("ramp-pointmass") == {"position": (2, True)}
+    assert sizes("cartpole") == {"position": (3, True), "velocities": (2, False)}
+    ant = {"pose": (7, True), "joints": (8, False), "velocities": (14, False)}
+    assert sizes("ant") == ant
+
+
+def test_what_is_drawn_is_smooth_and_no_two_faces_lie_in_each_other() -> None:
+    env = make("ant", 1, 0)
+    assert isinstance(env, MujocoVectorEnv)
+    torso = solid(env.model, [1])
+    size = env.model.geom_size[1, 0]
+    radii = np.linalg.norm(torso.vertices, axis=1)
+    assert torso.faces.shape == (5120, 3)
+    assert np.ptp(radii) < 1e-6 * size
+    np.testing.assert_allclose(torso.vertex_normals, torso.vertices / radii[:, None], atol=1e-3)
+    around, _ = shell(env.model, [1], 1.0)
+    assert np.linalg.norm(around, axis=1).min() > 1.02 * size
+    parts = [int(np.flatnonzero(env.model.geom_bodyid == i)[0]) for i in (3, 4)]
+    leg, foot = (solid(env.model, [geom]).extents.min() for geom in parts)
+    assert abs(leg - foot) > 0.01 * leg  # they share the ball of the ankle
 
 
 def test_pushes_and_weights_move_it_but_not_out_of_its_world(world: World) -> None:

@@ -9,12 +9,11 @@ import numpy as np
 import viser
 from jaxtyping import Float
 from mujoco import mjtJoint
-from viser import uplot
 
 from everystate.envs import MujocoVectorEnv
 from everystate.skills import SKILLS
 from everystate.viewing import plots
-from everystate.viewing.pursuit import REACHED
+from everystate.viewing.readings import Readings
 from everystate.viewing.snippet import as_python
 from everystate.viewing.world import MASSES, REMEMBERED, World
 
@@ -24,7 +23,6 @@ _WIDTH = 380
 """Pixels: a page of 1000 leaves more to the body."""
 _FEW = 8
 """So many positions are shown unfolded, whatever they are."""
-_MOST = 4.0  # σ
 _FREE = (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL)
 
 
@@ -51,8 +49,8 @@ class Panel:
         self.tell()
         with gui.add_folder("Send it"):
             self._add_sending(film)
-        with gui.add_folder("What it thinks"):
-            self._add_plots()
+        with gui.add_folder(f"What it thinks, over {REMEMBERED * self._seconds:.0f} s"):
+            self.readings = Readings(gui, world)
         self._sliders: dict[int, viser.GuiSliderHandle[float]] = {}
         assert isinstance(world.env, MujocoVectorEnv)
         for title, (components, unfolded) in grouped(world.env).items():
@@ -81,50 +79,6 @@ class Panel:
         group.on_click(lambda event: event.client and kept[group.value](event.client))
         self._key("push", "P", partial(self._do, "body", world.push))
         self._key("start over", "R", partial(self._do, "body", world.restart))
-
-    def _add_plots(self) -> None:
-        below: uplot.Axis = {"size": 26}
-        beside: uplot.Axis = {"size": 44, "space": 22}
-        seconds = REMEMBERED * self._seconds
-        ago = np.linspace(-seconds, 0.0, REMEMBERED)
-        self._plots: dict[str, tuple[viser.GuiUplotHandle, tuple[float, float]]] = {}
-        for name, title, (low, high) in self._axes():
-            line: uplot.Series = {"label": title, "stroke": plots.BLUE, "width": 2}
-            data, series = [ago, np.full(REMEMBERED, low)], [{"label": "s"}, line]
-            if name == "distance":
-                data.append(np.full(REMEMBERED, REACHED))
-                series.append({"label": "reached", "stroke": plots.GREEN, "dash": (4, 4)})
-            plot = self._gui.add_uplot(
-                tuple(data),
-                tuple(series),  # pyright: ignore[reportArgumentType]
-                title=title,
-                height=120,
-                scales={
-                    "x": {"time": False, "range": (-seconds, 0.0)},
-                    "y": {"range": (low, high)},
-                },
-                axes=(below, beside),
-                legend={"show": False},
-                cursor={"show": False},
-                padding=(4, 12, 0, 0),
-            )
-            self._plots[name] = plot, (low, high)
-        self._map = None
-        if len(self._world.state) == 2:
-            self._map = self._gui.add_image(self._map_of(), label="V, and goals it proposes")
-
-    def _axes(self) -> list[tuple[str, str, tuple[float, float]]]:
-        """Name, title and fixed range of each plot, by goals that it proposes."""
-        agent, here = self._world.agent, self._world.state
-        goals = agent.propose_goals(64)
-        steps = 2 * float(np.median(agent.steps_to_goal(goals, np.roll(goals, 1, axis=0))))
-        strange, known = float(np.median(agent.log_density(goals))), float(agent.log_density(here))
-        room = max(known - strange, 1.0)
-        return [
-            ("steps_to_goal", "steps to go, as it thinks", (0.0, _round(steps))),
-            ("distance", "distance to its goal, σ", (0.0, _MOST)),
-            ("log_density", "how familiar its state is, nats", (strange - room, known + room)),
-        ]
 
     def _add_sliders(self, components: list[int]) -> None:
         env, (low, high) = self._world.env, _ranges(self._world)
@@ -170,10 +124,6 @@ class Panel:
             client.gui.add_html(_CODE.format(code=code))
             client.gui.add_button("Close").on_click(lambda _: window.close())
 
-    def _map_of(self) -> np.ndarray:
-        bounds: Any = self._world.env.single_observation_space
-        return plots.value_image(self._world.agent, bounds.low, bounds.high, self._world.goal)
-
     # --- What the living body changes ---
 
     @property
@@ -204,17 +154,12 @@ class Panel:
         world = self._world
         world.pursuit.judge(world.env)
         self.tell()
-        thoughts = world.thoughts()
-        for name, (plot, ends) in self._plots.items():
-            values = np.clip(getattr(thoughts, name).astype(float), *ends)
-            plot.data = (plot.data[0], values, *plot.data[2:])
+        self.readings.show()
         goal = world.goal
         # Sliders that brought it there may have been moved on since.
         if not np.array_equal(goal, self._shown) and not np.array_equal(goal, self._slid_to):
             for i, slider in self._sliders.items():
                 slider.value = _on_grid(goal[i], slider.min, slider.max, slider.step)
-        if self._map is not None and not np.array_equal(goal, self._shown):
-            self._map.image = self._map_of()
         self._shown = goal.copy()
 
 
@@ -251,12 +196,6 @@ def _ranges(world: World) -> tuple[Float[np.ndarray, " state"], Float[np.ndarray
 
 def _on_grid(value: float, low: float, high: float, step: float) -> float:
     return float(np.clip(low + round((value - low) / step) * step, low, high))
-
-
-def _round(value: float) -> float:
-    """The next of 1, 2, 5, 10, 20, 50 and so on."""
-    power = 10 ** np.floor(np.log10(max(value, 1.0)))
-    return float(next(power * n for n in (1, 2, 5, 10) if power * n >= value))
 
 
 _STATUS = """<div style="padding: 0.3em 0.7em 0.9em; font-size: 0.9em; line-height: 1.4">

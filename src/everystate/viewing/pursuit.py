@@ -15,13 +15,13 @@ REACHED = 0.5
 
 def distance(
     states: Float[np.ndarray, "steps state"],
-    goals: Float[np.ndarray, "*steps state"],
+    goals: Float[np.ndarray, "*#steps state"],
     spread: Float[np.ndarray, " state"],
 ) -> Float[np.ndarray, " steps"]:
     """σ from goals: of the furthest component, or the root mean square of more than 12."""
-    apart = np.abs(states - goals) / spread
+    apart = (np.abs(states - goals) / spread)[:, None]
     measure = metrics.rms if metrics.chief(len(spread)) == "rms" else metrics.largest
-    return measure(apart, np.ones_like(apart))
+    return measure(apart, np.ones((1, len(spread))))[:, 0]
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Pursuit:
         if self.skill is not None:
             if self.steps <= self.skill.steps:
                 self.states.append(state)
-        elif self.reached is None and distance(state[None], goal[None], spread)[0] <= REACHED:
+        elif self.reached is None and distance(state[None], goal, spread)[0] <= REACHED:
             self.reached = self.steps
 
     def judge(self, env: BodyVectorEnv) -> None:

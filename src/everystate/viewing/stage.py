@@ -46,7 +46,7 @@ class Stage:
                     f"/goal/{index}",
                     *shell(self.model, geoms, body.ghost_scale),
                     color=GHOST[:3],
-                    opacity=0.35,
+                    opacity=0.3,
                     cast_shadow=False,
                     receive_shadow=False,
                 )
@@ -153,7 +153,7 @@ class Stage:
         handle.position, handle.wxyz = self._data.xpos[index], self._data.xquat[index]
 
     def _look(self, server: viser.ViserServer) -> None:
-        """From where the films look."""
+        """From where the films look, a little farther off: beside the panel a page is narrow."""
         camera = server.initial_camera
         if self.body.camera != -1:
             named = self._data.camera(self.body.camera)
@@ -169,7 +169,7 @@ class Stage:
             )
             distance, look_at = free.distance, free.lookat.copy()
             camera.fov = float(np.radians(self.model.vis.global_.fovy))
-        camera.position, camera.look_at = look_at - distance * forth, look_at
+        camera.position, camera.look_at = look_at - 1.25 * distance * forth, look_at
 
 
 def _lines(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n-1 2 3"]:

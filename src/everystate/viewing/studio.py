@@ -143,6 +143,7 @@ class Studio:
         if found and found[-1] != self._newest:
             self._newest = found[-1]
             self.world.follow(load(self.run))
+            self._panel.readings.rescale()
 
 
 def _free(host: str, port: int) -> int:
