@@ -8,8 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import imageio.v2 as imageio
 import numpy as np
 import pytest
+from viser.transforms import SO3
 
 from everystate import load
 from everystate.envs import MujocoVectorEnv, make
@@ -24,6 +26,7 @@ from everystate.viewing.world import World
 from waiting import until
 
 CHROMIUM = shutil.which("chromium")
+SIZES = (1000, 700), (1280, 800), (1600, 1000)
 ARTEFACTS = Path(os.environ.get("EVERYSTATE_ARTEFACTS", "artefacts"))
 
 
@@ -90,7 +93,8 @@ def test_a_skill_is_told_done_as_soon_as_its_rule_is_fulfilled(world: World) -> 
         world.pursuit.judge(world.env)
         if world.pursuit.reached is not None:
             break
-    assert 5 <= world.pursuit.steps == world.pursuit.reached < 120
+    assert world.pursuit.steps == world.pursuit.reached
+    assert 5 <= world.pursuit.steps < 120
     assert world.pursuit.told(0.06) == f"done in {0.06 * world.pursuit.steps:.1f} s"
 
 
@@ -149,6 +153,18 @@ def test_a_pull_moves_the_point_that_is_pulled_after_the_hand(world: World) -> N
         assert side * (after[3] - still[0]) > 0.1
         # A pole that hangs follows its tip to the right by turning against the clock.
         assert -side * (after[4] - still[1]) * cosine > 0 or abs(after[4] - still[1]) < 1e-3
+
+
+def test_a_pull_is_bounded(world: World) -> None:
+    before = world.state
+    place = np.array([*before, 0.05])
+    with pytest.raises(EverystateError, match="both must be finite"):
+        world.pull(ball(world), place, np.array([np.nan, 0.0, 0.0]))
+    np.testing.assert_array_equal(world.state, before)
+    cartpole = World(load("cartpole"))
+    cartpole.pull(ball(cartpole), np.array([0.0, 0.0, 1.0]), np.array([1e30, 0.0, 1.0]))
+    assert np.abs(cartpole.state).max() < 100
+    cartpole.step()
 
 
 def ball(world: World) -> int:
@@ -291,12 +307,97 @@ def test_the_page_asks_nobody_else_and_a_button_sends_the_body(
     page.get_by_role("button", name="climb").click()
     until(lambda: studio.world.goal.tolist() == pytest.approx([0.0, 0.8]))
     until(lambda: studio.world.thoughts().distance[-1] < 0.5)
-    ARTEFACTS.mkdir(exist_ok=True)
-    page.screenshot(path=ARTEFACTS / "studio.png")
     assert asked
     local = (studio.address, studio.address.replace("http", "ws"), "data:", "blob:")
     assert [url for url in asked if not url.startswith(local)] == []
     page.close()
+
+
+@pytest.mark.browser
+def test_the_panel_is_beside_the_body_however_wide_the_page(browser: Any, studio: Studio) -> None:
+    page, _ = opened(browser, studio)
+    page.get_by_role("button", name="climb").click()
+    page.get_by_text("done in").wait_for(timeout=60_000)
+    ARTEFACTS.mkdir(exist_ok=True)
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+
+        def beside(width: int = width) -> bool:
+            scene = page.locator("canvas").first.bounding_box()
+            button = page.get_by_role("button", name="climb").bounding_box()
+            inside = button["x"] + button["width"] <= width
+            return inside and width // 2 < scene["x"] + scene["width"] <= button["x"]
+
+        until(beside)
+        page.screenshot(path=ARTEFACTS / f"studio-{width}.png", timeout=120_000)
+    page.close()
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(("run", "skill"), [("cartpole", "balance"), ("ant", "recover")])
+def test_other_bodies_are_seen_at_work(browser: Any, run: str, skill: str) -> None:
+    studio = Studio(run, port=0, plan=run == "cartpole")
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.goto(studio.address)
+    page.get_by_role("button", name=skill).click(timeout=60_000)
+    page.get_by_text(f"of {25 if run == 'cartpole' else 10}.0 s").wait_for(timeout=60_000)
+    until(lambda: studio.world.pursuit.steps > 60)
+    page.screenshot(path=ARTEFACTS / f"studio-{run}.png", timeout=120_000)
+    page.close()
+    studio.close()
+
+
+@pytest.mark.browser
+def test_a_key_starts_over_and_a_film_and_a_program_can_be_taken(
+    browser: Any, studio: Studio, tmp_path: Path
+) -> None:
+    page, _ = opened(browser, studio)
+    studio.world.send(np.array([0.0, 0.8]))
+    until(lambda: studio.world.steps > 20)
+    with page.expect_download(timeout=120_000) as taken:
+        page.get_by_role("button", name="GIF").click()
+    taken.value.save_as(tmp_path / "film.gif")
+    assert len(imageio.mimread(tmp_path / "film.gif")) > 10
+    page.get_by_role("button", name="Python").click()
+    program = page.locator("pre")
+    program.wait_for()
+    assert "0.8,  # y, m" in program.inner_text()
+    page.get_by_role("button", name="Copy").click()
+    assert program.evaluate("code => getSelection().toString()").startswith("import everystate")
+    page.get_by_role("button", name="Close").click()
+    page.keyboard.press("r")
+    until(lambda: studio.world.pursuit.name == "stay here")
+    page.close()
+
+
+@pytest.mark.browser
+def test_the_mouse_pulls_the_body(browser: Any, studio: Studio) -> None:
+    page, _ = opened(browser, studio)
+    page.keyboard.press("Space")
+    until(lambda: studio._panel.paused)
+    (client,) = studio._server.get_clients().values()
+    (drawn,) = (studio._stage._bodies[index] for index in studio._stage._ghosts)
+    scene = page.locator("canvas").first.bounding_box()
+    at = pixel(client.camera, drawn.position, scene)
+    before = studio.world.state
+    page.mouse.move(*at)
+    page.mouse.down()
+    for far in (10, 30, 60):
+        page.mouse.move(at[0] - far, at[1])
+    page.mouse.up()
+    until(lambda: np.linalg.norm(studio.world.state - before) > 0.02)
+    page.keyboard.press("Space")
+    until(lambda: not studio._panel.paused)
+    page.close()
+
+
+def pixel(camera: Any, point: np.ndarray, scene: Any) -> tuple[float, float]:
+    """Where on the page a point of the scene is seen."""
+    forth = SO3(camera.wxyz).inverse() @ (np.asarray(point) - camera.position)
+    focal = scene["height"] / 2 / np.tan(camera.fov / 2)
+    x, y = focal * forth[:2] / forth[2]
+    middle = scene["x"] + scene["width"] / 2, scene["y"] + scene["height"] / 2
+    return middle[0] + float(x), middle[1] + float(y)
 
 
 @pytest.mark.browser

@@ -129,9 +129,9 @@ class Agent:
         """The few actions in a row of which `act` with `plan` returns the first, and their way."""
         states, goals, single = self._pairs(observation, goal)
         actions = self._search(states, goals, planning or Planning(), seed)
-        way = compiled.ahead(self.models, states, actions)
-        way = way * self.scale.spread + self.scale.centre
-        return Plan(_returned(actions, single), _returned(way, single))
+        way = np.asarray(compiled.ahead(self.models, states, actions))
+        way = way * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
+        return Plan(_returned(actions, single), way[0] if single else way)
 
     def predict(
         self, observation: ArrayLike, goal: ArrayLike, deterministic: bool = True, *, seed: int = 0

@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Float
 
 from everystate.envs.body import Body
+from everystate.errors import EverystateError
 
 _GAIN = 4.0
 """A point pulled a metre aside moves at so many m/s after it."""
@@ -30,19 +31,26 @@ def pulled(
         state: before.
         part: which of the model's bodies is pulled at.
         start: the point of it, in the world's frame, in metres.
-        end: where to.
+        end: where to; a way longer than the model counts as one that long.
+
+    Raises:
+        EverystateError: a point that is not finite.
     """
+    start, way = np.asarray(start, dtype=np.float64), np.asarray(end) - np.asarray(start)
+    if not np.isfinite([start, way]).all():
+        raise EverystateError(f"pull from {start} to {end}: both must be finite")
+    way = way * min(1.0, float(model.stat.extent / max(np.linalg.norm(way), 1e-9)))
     qpos, qvel = body.place(np.asarray(state, dtype=np.float64)[None])
     data = mujoco.MjData(model)
     data.qpos[:] = qpos[0]
     mujoco.mj_forward(model, data)
     inertia, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_fullM(model, data, inertia)
-    mujoco.mj_jac(model, data, jacobian, None, np.asarray(start, dtype=np.float64), part)
+    mujoco.mj_jac(model, data, jacobian, None, start, part)
     follows = np.linalg.solve(inertia, jacobian.T)
     yields = jacobian @ follows
     damped = yields + _DAMPING * np.trace(yields) * np.eye(3)
-    change = follows @ np.linalg.solve(damped, _GAIN * (np.asarray(end) - start))
+    change = follows @ np.linalg.solve(damped, _GAIN * way)
     if any(unit.endswith("/s") for unit in body.state_units):
         qvel = qvel + change
     else:

@@ -70,6 +70,7 @@ class Studio:
         self._panel = Panel(self._server.gui, self.world, self._do, self._film, str(run))
         self._control_step = env.control_step or 0.04
         self._stopped = threading.Event()
+        self._drawing = threading.Thread()  # of a film; one at a time
         self._newest: Path | None = None  # of the checkpoints that were looked at
         self._live = threading.Thread(target=self._run, name="studio", daemon=True)
         self._live.start()
@@ -100,11 +101,15 @@ class Studio:
                 client.send_file_download(*as_gif(recorded, self.world.env), save_immediately=True)
             except EverystateError as error:
                 client.add_notification("There is no film", str(error), color="red")
-            note.remove()
+            finally:
+                note.remove()
 
         def begin() -> None:  # the body lives on while it is drawn
+            if self._drawing.is_alive():
+                raise EverystateError("a film is being drawn: take the next one after it")
             recorded = self.world.recording()
-            threading.Thread(target=draw, args=(recorded,), name="film", daemon=True).start()
+            self._drawing = threading.Thread(target=draw, args=(recorded,), daemon=True)
+            self._drawing.start()
 
         self._do("film", begin)
 
