@@ -145,14 +145,17 @@ def test_a_pull_moves_the_point_that_is_pulled_after_the_hand(world: World) -> N
     cartpole = World(load("cartpole"))
     for side in (-1, 1):
         cartpole.restart()
-        place, cosine, sine, *still = cartpole.state
+        place, cosine, sine, moving, turning = cartpole.state
+        assert cosine < 0  # it hangs
         tip = np.array([place + sine, 0.0, 1.0 + cosine])
         cartpole.pull(ball(cartpole), tip, tip + np.array([0.3 * side, 0.0, 0.0]))
         after = cartpole.state
         np.testing.assert_allclose(after[:3], (place, cosine, sine), atol=1e-5)
-        assert side * (after[3] - still[0]) > 0.1
-        # A pole that hangs follows its tip to the right by turning against the clock.
-        assert -side * (after[4] - still[1]) * cosine > 0 or abs(after[4] - still[1]) < 1e-3
+        assert -side * (after[4] - turning) > 0.5
+        assert abs(after[3] - moving) < 0.1
+        cart = np.array([place, 0.0, 1.0])
+        cartpole.pull(ball(cartpole) - 1, cart, cart + np.array([0.3 * side, 0.0, 0.0]))
+        assert side * (cartpole.state[3] - after[3]) > 0.5
 
 
 def test_a_pull_is_bounded(world: World) -> None:
@@ -221,7 +224,7 @@ def test_what_is_drawn_is_smooth_and_no_two_faces_lie_in_each_other() -> None:
     radii = np.linalg.norm(torso.vertices, axis=1)
     assert torso.faces.shape == (5120, 3)
     assert np.ptp(radii) < 1e-6 * size
-    np.testing.assert_allclose(torso.vertex_normals, torso.vertices / radii[:, None], atol=1e-3)
+    np.testing.assert_allclose(torso.vertex_normals, torso.vertices / radii[:, None], atol=5e-3)
     around, _ = shell(env.model, [1], 1.0)
     assert np.linalg.norm(around, axis=1).min() > 1.02 * size
     parts = [int(np.flatnonzero(env.model.geom_bodyid == i)[0]) for i in (3, 4)]
@@ -293,9 +296,10 @@ def browser() -> Iterator[Any]:
 def opened(browser: Any, studio: Studio) -> tuple[Any, list[str]]:
     """A page of the studio, and the addresses it asked for."""
     page, asked = browser.new_page(viewport={"width": 1280, "height": 900}), []
+    page.set_default_timeout(120_000)  # by software alone it draws slowly
     page.on("request", lambda request: asked.append(request.url))
     page.goto(studio.address)
-    page.get_by_role("button", name="climb").wait_for(timeout=60_000)
+    page.get_by_role("button", name="climb").wait_for()
     return page, asked
 
 
@@ -317,7 +321,7 @@ def test_the_page_asks_nobody_else_and_a_button_sends_the_body(
 def test_the_panel_is_beside_the_body_however_wide_the_page(browser: Any, studio: Studio) -> None:
     page, _ = opened(browser, studio)
     page.get_by_role("button", name="climb").click()
-    page.get_by_text("done in").wait_for(timeout=60_000)
+    page.get_by_text("done in").wait_for()
     ARTEFACTS.mkdir(exist_ok=True)
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
@@ -329,7 +333,7 @@ def test_the_panel_is_beside_the_body_however_wide_the_page(browser: Any, studio
             return inside and width // 2 < scene["x"] + scene["width"] <= button["x"]
 
         until(beside)
-        page.screenshot(path=ARTEFACTS / f"studio-{width}.png", timeout=120_000)
+        page.screenshot(path=ARTEFACTS / f"studio-{width}.png")
     page.close()
 
 
@@ -338,11 +342,12 @@ def test_the_panel_is_beside_the_body_however_wide_the_page(browser: Any, studio
 def test_other_bodies_are_seen_at_work(browser: Any, run: str, skill: str) -> None:
     studio = Studio(run, port=0, plan=run == "cartpole")
     page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.set_default_timeout(120_000)
     page.goto(studio.address)
-    page.get_by_role("button", name=skill).click(timeout=60_000)
-    page.get_by_text(f"of {25 if run == 'cartpole' else 10}.0 s").wait_for(timeout=60_000)
+    page.get_by_role("button", name=skill).click()
+    page.get_by_text(f"of {25 if run == 'cartpole' else 10}.0 s").wait_for()
     until(lambda: studio.world.pursuit.steps > 60)
-    page.screenshot(path=ARTEFACTS / f"studio-{run}.png", timeout=120_000)
+    page.screenshot(path=ARTEFACTS / f"studio-{run}.png")
     page.close()
     studio.close()
 
@@ -354,7 +359,7 @@ def test_a_key_starts_over_and_a_film_and_a_program_can_be_taken(
     page, _ = opened(browser, studio)
     studio.world.send(np.array([0.0, 0.8]))
     until(lambda: studio.world.steps > 20)
-    with page.expect_download(timeout=120_000) as taken:
+    with page.expect_download() as taken:
         page.get_by_role("button", name="GIF").click()
     taken.value.save_as(tmp_path / "film.gif")
     assert len(imageio.mimread(tmp_path / "film.gif")) > 10
