@@ -1,6 +1,7 @@
 """The controls and readings beside the studio's scene."""
 
 import html
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Literal
@@ -81,13 +82,14 @@ class Panel:
         self._key("start over", "R", partial(self._do, "body", world.restart))
 
     def _add_sliders(self, components: list[int]) -> None:
-        env, (low, high) = self._world.env, _ranges(self._world)
+        env, goal = self._world.env, self._world.goal.tolist()
+        low, high = (ends.tolist() for ends in _ranges(self._world))
         for i in components:
             unit = env.state_units[i]
-            step = 10 ** np.floor(np.log10((high[i] - low[i]) / 200))
-            value = _on_grid(self._world.goal[i], low[i], high[i], step)
+            step = 10.0 ** math.floor(math.log10((high[i] - low[i]) / 200))
+            value = _on_grid(goal[i], low[i], high[i], step)
             label = env.state_names[i] + (f" ({unit})" if unit != "1" else "")
-            slider = self._gui.add_slider(label, low[i], high[i], float(step), value)
+            slider = self._gui.add_slider(label, low[i], high[i], step, value)
             slider.on_update(self._slid)
             self._sliders[i] = slider
 
@@ -159,7 +161,7 @@ class Panel:
         # Sliders that brought it there may have been moved on since.
         if not np.array_equal(goal, self._shown) and not np.array_equal(goal, self._slid_to):
             for i, slider in self._sliders.items():
-                slider.value = _on_grid(goal[i], slider.min, slider.max, slider.step)
+                slider.value = _on_grid(float(goal[i]), slider.min, slider.max, slider.step)
         self._shown = goal.copy()
 
 
@@ -195,7 +197,7 @@ def _ranges(world: World) -> tuple[Float[np.ndarray, " state"], Float[np.ndarray
 
 
 def _on_grid(value: float, low: float, high: float, step: float) -> float:
-    return float(np.clip(low + round((value - low) / step) * step, low, high))
+    return min(max(low + round((value - low) / step) * step, low), high)
 
 
 _STATUS = """<div style="padding: 0.3em 0.7em 0.9em; font-size: 0.9em; line-height: 1.4">
