@@ -53,6 +53,27 @@ def test_requirements_name_no_address() -> None:
         assert "://" not in path.read_text(), path.name
 
 
+def test_one_version_is_named_everywhere() -> None:
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.M)
+    latest = re.search(r"^## \[?([\d.]+)", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert cited is not None
+    assert latest is not None
+    assert cited[1] == latest[1] == PROJECT["version"]
+
+
+def test_the_container_makes_what_there_is() -> None:
+    """It is built nowhere here: no machine of ours runs containers."""
+    text = (ROOT / "Dockerfile").read_text()
+    targets = re.findall(r'make", "(\w+)|RUN make (\w+)', text)
+    assert {name for pair in targets for name in pair if name} == {"setup", "demo"}
+    for package in ("python3.11-venv", "make", "libegl1", "libgl1-mesa-dri"):
+        assert package in text
+        assert package in (ROOT / "README.md").read_text()
+    left_out = (ROOT / ".dockerignore").read_text().split()
+    needed = ("pyproject.toml", "README.md", "LICENSE", "src", "requirements.txt", "Makefile")
+    assert not set(needed) & set(left_out)
+
+
 def data_files() -> list[Path]:
     """What results/ has of measurements: all but figures, tables and notes."""
     drawn = {".png", ".mp4", ".md", ".sha256"}
