@@ -118,6 +118,10 @@ def _halved(array: np.ndarray) -> np.ndarray:
     return array.astype(np.float16) if array.dtype == np.float32 and array.ndim > 1 else array
 
 
+def _full(array: np.ndarray) -> np.ndarray:
+    return array.astype(np.float32) if array.dtype == np.float16 else array
+
+
 def read(
     folder: Path, body_folder: Path | None = None
 ) -> tuple[Models, Scale, Config, BodyInfo, ActWith]:
@@ -150,7 +154,7 @@ def read(
             config = with_model_copy(config, place)
         models = skeleton(config, len(body.state_names), body.action_size).models
         arrays = safetensors.numpy.load(content)
-        arrays = {n: np.float32(x) if x.dtype == np.float16 else x for n, x in arrays.items()}
+        arrays = {n: _full(x) for n, x in arrays.items()}
         sizes = len(body.state_names), config.frequencies
         arrays = formats.brought_up(arrays, description["format"], *sizes)
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
