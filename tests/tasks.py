@@ -11,21 +11,22 @@ from everystate.studies.runs import finished
 
 
 class Counting(NamedTuple):
-    """Counts to `most`, as slowly as it is told, and goes on from where it was."""
+    """Counts to `most`, and goes on from where it was; after the first it waits for `gate`."""
 
     most: int = 1
-    seconds: float = 0.0
+    gate: str | None = None
 
     def __call__(self, folder: Path, typed: Mapping[str, Any]) -> None:
         assert not finished(folder)
         count = folder / "count"
         while (done := int(count.read_text()) if count.exists() else 0) < self.most:
-            time.sleep(self.seconds)
+            while done and self.gate and not Path(self.gate).exists():
+                time.sleep(0.05)
+            with (folder / "by").open("a") as by:
+                by.write(f"{os.getpid()} {sorted(os.sched_getaffinity(0))}\n")
             draft = folder / ".draft"
             draft.write_text(f"{done + 1}")
             os.replace(draft, count)
-            with (folder / "by").open("a") as by:
-                by.write(f"{os.getpid()} {sorted(os.sched_getaffinity(0))}\n")
         (folder / "evaluation.json").write_text("{}")
 
 

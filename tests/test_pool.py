@@ -23,7 +23,7 @@ from everystate.studies import Run, run_all
 from everystate.studies.runs import finished
 from tasks import Counting
 out = Path(sys.argv[1])
-runs = [Run(f"all/seed{i}", Counting(20, 0.25)) for i in range(2)]
+runs = [Run(f"all/seed{i}", Counting(20, str(out / "gate"))) for i in range(2)]
 left = [[run] for run in runs if not finished(out / run.name)]
 sys.exit(len(run_all(left, out, workers=2)))
 """
@@ -77,14 +77,15 @@ def driver(out: Path, **how: Any) -> subprocess.Popen[str]:
 def test_a_study_that_is_stopped_goes_on_by_the_same_command(tmp_path: Path, how: int) -> None:
     study = driver(tmp_path, stderr=subprocess.DEVNULL)
     counts = [tmp_path / f"all/seed{i}/count" for i in range(2)]
-    until(lambda: all(count.exists() for count in counts), 60)
+    until(lambda: all(count.exists() for count in counts), 300)
     study.send_signal(how)
-    assert study.wait(60) != 0
+    assert study.wait(300) != 0
     made = {int(pid) for count in counts for pid, _ in by(count.parent)}
-    until(lambda: not any(map(alive, made)), 10)  # no run outlives its study
+    until(lambda: not any(map(alive, made)))  # no run outlives its study
     assert not any(finished(count.parent) for count in counts)
+    (tmp_path / "gate").touch()
     again = driver(tmp_path)
-    assert again.wait(60) == 0
+    assert again.wait(300) == 0
     for count in counts:
         assert len(by(count.parent)) == 20  # nothing was done twice
         assert finished(count.parent)
