@@ -123,11 +123,14 @@ class GymnasiumVectorEnv(BodyVectorEnv):
             for env, current in zip(self.envs, self._current, strict=True)
         ]
 
-    def set_physics(self, states: Sequence[Physics]) -> None:
-        """Gives each body such a snapshot."""
-        if len(states) != self.num_envs:
+    def set_physics(
+        self, states: Sequence[Physics], which: Bool[np.ndarray, " envs"] | None = None
+    ) -> None:
+        """Gives bodies such snapshots."""
+        ids = np.flatnonzero(np.ones(self.num_envs) if which is None else which)
+        if len(states) != len(ids):
             raise EverystateError(
-                f"{len(states)} physics states for {self.num_envs} x {self.name}: give one each"
+                f"{len(states)} physics states for {len(ids)} x {self.name}: give one each"
             )
         for state in states:
             if set(state) != {"snapshot", "observation"} or (
@@ -137,8 +140,8 @@ class GymnasiumVectorEnv(BodyVectorEnv):
                     f"a physics state of {self.name} has a snapshot and an observation of"
                     f" {self._flatten.size} numbers, as get_physics returns them"
                 )
-        for i, (env, state) in enumerate(zip(self.envs, states, strict=True)):
-            snapshot.put(env, state["snapshot"])
+        for i, state in zip(ids, states, strict=True):
+            snapshot.put(self.envs[i], state["snapshot"])
             self._current[i] = state["observation"]
 
     def set_observations(self, observations: Float[np.ndarray, "envs state"]) -> None:

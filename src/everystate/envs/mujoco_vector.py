@@ -80,19 +80,28 @@ class MujocoVectorEnv(BodyVectorEnv):
         require_finite(observations, self.state_names)
         self._put(*self.body.place(observations))
 
-    def _put(self, qpos: Float[np.ndarray, "envs nq"], qvel: Float[np.ndarray, "envs nv"]) -> None:
+    def _put(
+        self,
+        qpos: Float[np.ndarray, "n nq"],
+        qvel: Float[np.ndarray, "n nv"],
+        which: Bool[np.ndarray, " envs"] | None = None,
+    ) -> None:
         """As if just built there: no warm start, no activation of motors."""
-        self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
-        self._physics["qpos"][:], self._physics["qvel"][:] = qpos, qvel
+        ids = np.arange(self.num_envs) if which is None else np.flatnonzero(which)
+        self._batch.reset(ids=ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._physics["qpos"][ids], self._physics["qvel"][ids] = qpos, qvel
 
     def get_physics(self) -> list[Physics]:
         """qpos and qvel of each body, unrounded."""
         columns = (self._physics[name].tolist() for name in ("qpos", "qvel"))
         return [{"qpos": q, "qvel": v} for q, v in zip(*columns, strict=True)]
 
-    def set_physics(self, states: Sequence[Physics]) -> None:
-        """Puts each body to such a qpos and qvel, as if it had just been built there."""
-        shapes = {name: self._physics[name].shape for name in ("qpos", "qvel")}
+    def set_physics(
+        self, states: Sequence[Physics], which: Bool[np.ndarray, " envs"] | None = None
+    ) -> None:
+        """Puts bodies to such a qpos and qvel, as if they had just been built there."""
+        count = self.num_envs if which is None else int(which.sum())
+        shapes = {name: (count, *self._physics[name].shape[1:]) for name in ("qpos", "qvel")}
         try:
             given = {n: np.array([s[n] for s in states], dtype=np.float64) for n in shapes}
         except (KeyError, TypeError, ValueError) as error:
@@ -103,9 +112,9 @@ class MujocoVectorEnv(BodyVectorEnv):
             if given[name].shape != shape or not np.isfinite(given[name]).all():
                 raise EverystateError(
                     f"{name} of the physics states has shape {given[name].shape}: expected finite"
-                    f" numbers in the shape {shape} for {self.num_envs} x {self.name}"
+                    f" numbers in the shape {shape} for {count} x {self.name}"
                 )
-        self._put(given["qpos"], given["qvel"])
+        self._put(given["qpos"], given["qvel"], which)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """All that decides the future: the physics, and where the random numbers stand."""

@@ -129,14 +129,18 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         """The physics of each body on its own, as goal suites keep it; no random numbers."""
 
     @abstractmethod
-    def set_physics(self, states: Sequence[Physics]) -> None:
-        """Puts each body into a state that `get_physics` returned, as if just built there.
+    def set_physics(
+        self, states: Sequence[Physics], which: Bool[np.ndarray, " envs"] | None = None
+    ) -> None:
+        """Puts bodies into states that `get_physics` returned, as if just built there.
+
+        Those of `which`, or all of them, one state each; the others go on as they were.
 
         What it observes there is the same; what follows is too for MuJoCo bodies, whose solver
         starts afresh both times, and where `exact_restore` for others.
 
         Raises:
-            EverystateError: as many states as bodies are needed, each of this kind of body.
+            EverystateError: there are more or fewer states than bodies, or of another kind.
         """
 
     @abstractmethod

@@ -33,25 +33,47 @@ def measure(
         world: options of the body that make it another than the agent's own.
 
     Returns:
-        `score` by group, which `Suite.scored_by` explains; `success` as
-        `[measure][group][eps][reading]`, measures, eps and readings being those of `metrics`,
-        groups those of the suite; `position_only` as one measure's part of it, the largest over
-        positions alone; `closest` as in `metrics.medians`; `falls_per_1000_steps` by group;
-        `calibration` of -V; and `tasks`, lists with a number for each task: the distance at the
-        nearest step and at the last one by each measure, from which success can be told anew.
+        What `score_states` returns.
     """
     options = parse_options(agent.config.body_options) | dict(world or {})
     env = make(suite.body, len(suite.goals), seed, **options)
     warn_of_another_model(agent, env)
     begun, steps = suite.begin(env, seed), int(suite.horizons.max())
     states = rollout(agent, env, begun, suite.goals, steps, plan=plan, seed=seed)
+    predicted = np.asarray(agent.steps_to_goal(begun, suite.goals.astype(np.float32)))
+    return score_states(env, suite, states, predicted)
+
+
+def score_states(
+    env: BodyVectorEnv,
+    suite: Suite,
+    states: Float[np.ndarray, "steps tasks state"],
+    predicted: Float[np.ndarray, " tasks"],
+) -> dict[str, Any]:
+    """What is told of the way to every goal of a suite, whoever went it, as JSON can hold it.
+
+    Args:
+        env: any number of the suite's body.
+        suite: the tasks.
+        states: observations of each task's body, the start first; what lies beyond a task's horizon
+            does not count, but must be there up to the longest.
+        predicted: steps from each start to its goal, or NaN.
+
+    Returns:
+        `score` by group, which `Suite.scored_by` explains; `success` as
+        `[measure][group][eps][reading]`, measures, eps and readings being those of `metrics`,
+        groups those of the suite; `position_only` as one measure's part of it, the largest over
+        positions alone; `closest` as in `metrics.medians`; `falls_per_1000_steps` by group;
+        `calibration` of the predicted steps; and `tasks`, lists with a number for each task: the
+        distance at the nearest step and at the last one by each measure, from which success can be
+        told anew.
+    """
     apart = apart_from(env, suite, states[1:])
     horizons, groups, weights = suite.horizons, suite.groups, suite.weights
     position = suite.mask(suite.position)
     distances = {"max": metrics.largest(apart, weights), "rms": metrics.rms(apart, weights)}
     found = metrics.approach(apart, weights, suite.mask(suite.velocity), horizons)
     falls = env.falls(states[:-1], states[1:])
-    predicted = np.asarray(agent.steps_to_goal(states[0], suite.goals.astype(np.float32)))
     came = metrics.first_steps(distances["max"], horizons, metrics.EPS[0])
     success = {name: metrics.success(d, horizons, groups) for name, d in distances.items()}
     chief, reading = suite.scored_by
