@@ -30,6 +30,7 @@ FOLDER = Path(tempfile.mkdtemp())
 KINDS = (
     options.Train,
     options.Evaluate,
+    options.Score,
     options.Compare,
     options.Report,
     options.Render,

@@ -2,10 +2,10 @@
 
     python tests/trust/fuzz_files.py [EXAMPLES] [--out FILE]
 
-Damages agents, goal suites, and the configs, metrics, samples and checkpoints of runs, and fails
-with the shortest damage that is neither read nor refused by an `EverystateError`. It runs in a
-process of its own, as users do: under pytest types are checked that are not checked elsewhere. FILE
-gets how many there were: results/trust/fuzz-files.json.
+Damages agents, goal suites, recordings, and the configs, metrics, samples and checkpoints of runs,
+and fails with the shortest damage that is neither read nor refused by an `EverystateError`. It runs
+in a process of its own, as users do: under pytest types are checked that are not checked elsewhere.
+FILE gets how many there were: results/trust/fuzz-files.json.
 """
 
 import argparse
@@ -25,6 +25,7 @@ from hypothesis import strategies as st
 
 from everystate import load, train
 from everystate.agent import BodyInfo
+from everystate.benchmark import recording
 from everystate.envs import make
 from everystate.envs.model_copy import copied_model, copy_model
 from everystate.errors import EverystateError
@@ -115,6 +116,20 @@ CHECKPOINT = RUN / "checkpoints" / "000001"
 PARTS = sorted(p.relative_to(CHECKPOINT) for p in CHECKPOINT.rglob("*") if p.is_file())
 
 
+OWN = {
+    "body": "ramp-pointmass",
+    "components": ["x", "y", "z"],
+    "sigma": [0.5, 0.5, 0.2],
+    "position": ["x", "y"],
+    "tasks": [{"start": [0, 0], "goal": [0.5, 0], "horizon": 4}],
+}
+(FOLDER / "own.json").write_text(json.dumps(OWN))
+WAYS = recording.save(
+    FOLDER / "ways.safetensors",
+    "everystate/RampPointmassRest-v1",
+    np.zeros((1, 5, 2)),
+    suite=FOLDER / "own.json",
+).read_bytes()
 COPY = FOLDER / "body"
 (FOLDER / "arm.xml").write_text(
     "<mujoco><worldbody><body><joint name='j'/><geom size='1'/></body></worldbody>"
@@ -171,6 +186,15 @@ def a_goal_suite(content: bytes) -> None:
     """--suite FILE."""
     (FOLDER / "goals.json").write_bytes(content)
     survives(lambda: suites.load("cartpole", FOLDER / "goals.json"))
+
+
+@given(at=st.integers(0, len(WAYS) - 1), byte=st.none() | st.integers(0, 255))
+@example(at=0, byte=255)
+def a_recording(at: int, byte: int | None) -> None:
+    """What `everystate score` reads."""
+    path = FOLDER / "ways.safetensors"
+    path.write_bytes(WAYS[:at] + (b"" if byte is None else bytes([byte]) + WAYS[at + 1 :]))
+    survives(lambda: recording.read(path, FOLDER / "own.json"))
 
 
 @given(content=damaged(RUN_CONFIG))
@@ -255,6 +279,7 @@ CHECKS = (
     its_arrays,
     a_bodys_list,
     a_goal_suite,
+    a_recording,
     a_runs_config,
     a_runs_metrics,
     a_runs_samples,

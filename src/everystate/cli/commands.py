@@ -2,6 +2,7 @@
 
   train BODY     let an agent teach itself a body, or go on with a run
   evaluate RUN   measure what it can reach [--json]
+  score FILE     score recorded ways of anybody's agent [--json]
   compare BODY   train and measure several agents side by side, ours and others'
   sweep FILE     train and measure many runs: conditions x seeds [on a cluster]
   report RUN     draw a page of pictures of a run
@@ -38,6 +39,7 @@ from everystate.cli.options import (
     Export,
     Render,
     Report,
+    Score,
     Skills,
     Studio,
     Sweep,
@@ -110,10 +112,8 @@ def evaluate(argv: list[str]) -> None:
     """Print what a run can reach."""
     options = parse(Evaluate, "evaluate", argv)
     from everystate import evaluation
-    from everystate.evaluation import raw
 
-    if options.out and options.out.exists():
-        raise EverystateError(f"{options.out} exists already: choose another --out")
+    _refuse_existing(options.out)
     with working("measuring") as count:
         result = evaluation.evaluate(
             options.run,
@@ -125,6 +125,30 @@ def evaluate(argv: list[str]) -> None:
             skills=options.skills,
             perturb=options.perturb == "grid",
         )
+    _tell(result, options)
+
+
+def score(argv: list[str]) -> None:
+    """Print what a recording comes to."""
+    options = parse(Score, "score", argv)
+    _refuse_existing(options.out)
+    from everystate import benchmark
+
+    with working("scoring"):
+        result = benchmark.score(options.file, options.suite)
+    _tell(result, options)
+
+
+def _refuse_existing(out: Path | None) -> None:
+    if out and out.exists():
+        raise EverystateError(f"{out} exists already: choose another --out")
+
+
+def _tell(result: dict[str, Any], options: Evaluate | Score) -> None:
+    """Writes and prints a result as the options say."""
+    from everystate import evaluation
+    from everystate.evaluation import raw
+
     if options.out:
         raw.write(options.out, result)
     if options.json:
@@ -274,12 +298,12 @@ def completion(argv: list[str]) -> None:
 
 
 _FUNCTIONS = (
-    *(train, evaluate, compare, sweep, report, render, studio, demo),
+    *(train, evaluate, score, compare, sweep, report, render, studio, demo),
     *(export, bodies, skills, completion),
 )
 COMMANDS = {f.__name__: f for f in _FUNCTIONS}
 _OPTIONS = (
-    *(Train, Evaluate, Compare, Sweep, Report, Render, Studio),
+    *(Train, Evaluate, Score, Compare, Sweep, Report, Render, Studio),
     *(Export, Bodies, Skills, Completion),
 )
 KINDS = {kind.__name__.lower(): kind for kind in _OPTIONS} | {"demo": Train}

@@ -72,6 +72,20 @@ class Evaluate:
 
 
 @dataclasses.dataclass(frozen=True)
+class Score:
+    """Scores the recorded ways of anybody's agent to the goals of a suite; docs/benchmark.md."""
+
+    file: tyro.conf.Positional[Path]
+    """Recording, as everystate.benchmark.record and save write it."""
+    json: bool = False
+    """The last line is one JSON object."""
+    out: Path | None = None
+    """Also write the result to this file, which must not exist."""
+    suite: Path | None = None
+    """The suite's file, if it is one of your own."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Compare:
     """Trains agents on one body for the same time, each on one core, and measures them alike.
 

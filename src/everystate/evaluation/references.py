@@ -45,6 +45,21 @@ class RandomActions(DoNothing):
         return rng.uniform(-1, 1, shape).astype(np.float32)
 
 
+def beside(suite: suites.Suite, config: AgentConfig, seed: int = 0) -> dict[str, dict[str, Any]]:
+    """What becomes of the tasks of a suite without an agent.
+
+    Args:
+        suite: the tasks.
+        config: of the agent that they are to stand beside.
+        seed: of the body's noise and of actions.
+
+    Returns:
+        `[name]` as in `measure`; the names are "random actions" and "doing nothing".
+    """
+    agents = {"random actions": RandomActions(config), "doing nothing": DoNothing(config)}
+    return {name: measure(one, suite, plan=False, seed=seed) for name, one in agents.items()}
+
+
 def references(result: Mapping[str, Any], config: AgentConfig) -> dict[str, dict[str, Any]]:
     """What becomes of the tasks of a result without an agent.
 
@@ -53,18 +68,12 @@ def references(result: Mapping[str, Any], config: AgentConfig) -> dict[str, dict
         config: of the agent it was measured of.
 
     Returns:
-        `[suite][name]` as in `measure`; the names are "random actions" and "doing nothing".
+        `[suite][name]` as in `beside`.
     """
-    agents = {"random actions": RandomActions(config), "doing nothing": DoNothing(config)}
     found: dict[str, dict[str, Any]] = {}
     known = suites.names(config.body, config.body_options)
     for name, one in result["suites"].items():
-        if name not in known:
-            continue
-        suite = suites.load(config.body, name, config.body_options, one["split"])
-        suite = suite.subset(one["tasks"])
-        found[name] = {
-            title: measure(agent, suite, plan=False, seed=result["seed"])
-            for title, agent in agents.items()
-        }
+        if name in known:
+            suite = suites.load(config.body, name, config.body_options, one["split"])
+            found[name] = beside(suite.subset(one["tasks"]), config, result["seed"])
     return found

@@ -13,6 +13,8 @@ def tables(result: Mapping[str, Any]) -> Iterator[Table]:
     """All tables of an `evaluate` result, one after the other."""
     for name in result["suites"]:
         yield suite_table(result, name)
+        if result["suites"][name].get("references"):
+            yield beside_table(result, name)
     if result["skills"]:
         yield skills_table(result)
     if result["perturbed"]:
@@ -49,6 +51,19 @@ def suite_table(result: Mapping[str, Any], name: str) -> Table:
     shown.caption = f"within so many σ, else 0.5; {falls:.1f} falls per 1,000 steps" + (
         "" if steps_off is None else f"; -V is off by {steps_off:.1f} steps on average"
     )
+    return shown
+
+
+def beside_table(result: Mapping[str, Any], name: str) -> Table:
+    """The readings over all tasks of one suite, beside those of what learned nothing."""
+    suite = result["suites"][name]
+    measure, reading = suite["scored_by"].removesuffix("@0.5").split(", ")
+    shown = Table(caption=f"within 0.5 σ by {measure}; scored by {reading}")
+    for heading in ("all goals", "hit", "end", "at"):
+        shown.add_column(heading, justify="left" if heading == "all goals" else "right")
+    for title, one in {"recorded": suite["policy"], **suite["references"]}.items():
+        found = one["success"][measure]["all"]["0.5"]
+        shown.add_row(title, *(f"{100 * found[r]:.0f} %" for r in ("hit", "end", "at")))
     return shown
 
 
