@@ -3,6 +3,7 @@
 import functools
 import inspect
 import re
+import runpy
 import shlex
 import urllib.request
 from pathlib import Path
@@ -22,6 +23,7 @@ BLOCK = re.compile(r'^```(\w+)(?: title="(.+)")?\n((?:[^\n]*\n)*?)```$|((?:^    
 # Commands that are not run here, and where else, or why not.
 ELSEWHERE = {
     "make": "by .ci/run",
+    "pip": "in test_wheel.py",
     ".": "the shell's",
 }
 SHORTER = {
@@ -53,6 +55,9 @@ def run(command: str, names: dict[str, str]) -> None:
     if not words:
         return
     program, arguments = Path(words[0]).name, [names.get(word, word) for word in words[1:]]
+    if program == "python":
+        runpy.run_path(arguments[0])
+        return
     if program != "everystate":
         assert words[0] in ELSEWHERE, f"who runs {command!r}?"
         if program == "make":
@@ -114,3 +119,14 @@ def test_the_readme() -> None:
     left = read("README.md", {"RUN": "runs/ramp-pointmass-quick-seed1", "NAME": "climb"})
     assert left["actions"].shape == (100, 2)
     assert Path("ramp-pointmass-climb.mp4").exists()
+
+
+@pytest.mark.peers
+@pytest.mark.usefixtures("small")
+def test_the_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    from stable_baselines3 import SAC
+
+    learn = SAC.learn
+    monkeypatch.setattr(SAC, "learn", lambda model, steps: learn(model, min(steps, 1_100)))
+    read("docs/benchmark.md", {})
+    assert "cartpole, suite motion, 6 tasks" in capsys.readouterr().out

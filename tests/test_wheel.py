@@ -1,5 +1,6 @@
 """The wheel works where the source tree is not: it carries its models and its trained agents."""
 
+import json
 import os
 import shutil
 import site
@@ -81,6 +82,27 @@ body.step(body.action_space.sample())
 
 def test_installed_command_explains_itself(clean_python: Path, tmp_path: Path) -> None:
     assert "train" in run(clean_python.parent / "everystate", "--help", cwd=tmp_path)
+
+
+def test_installed_benchmark_scores_what_knows_no_agent_of_ours(
+    clean_python: Path, tmp_path: Path
+) -> None:
+    """Three commands: the wheel's installation, a program of anybody's, and the score."""
+    (tmp_path / "mine.py").write_text("""
+import numpy as np
+import everystate.benchmark
+
+rng = np.random.default_rng(0)
+everystate.benchmark.record(
+    lambda observations: rng.uniform(-1, 1, (len(observations["observation"]), 1)),
+    "everystate/CartpoleMotion-v1",
+    "motion.safetensors",
+)
+""")
+    run(clean_python, "mine.py", cwd=tmp_path)
+    command = clean_python.parent / "everystate"
+    told = run(command, "score", "motion.safetensors", "--json", cwd=tmp_path)
+    assert 0 < json.loads(told.splitlines()[-1])["score"] < 0.1
 
 
 @pytest.mark.parametrize(
