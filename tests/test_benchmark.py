@@ -85,6 +85,14 @@ def test_gymnasiums_own_checker_passes(id: str) -> None:
         check_env(gymnasium.make(id, split=split).unwrapped, skip_render_check=True)
 
 
+@pytest.mark.peers
+def test_stable_baselines_own_checker_passes() -> None:
+    from stable_baselines3.common.env_checker import check_env as check
+
+    for id in ENVIRONMENTS:
+        check(gymnasium.make(id).unwrapped)
+
+
 # --- Episodes ---
 
 

@@ -25,7 +25,8 @@ def suite_table(result: Mapping[str, Any], name: str) -> Table:
     """Of one suite: a row for each kind and k, and for all."""
     suite = result["suites"][name]
     policy, planning = suite["policy"], suite["planning"]
-    shown = Table(title=f"{result['body']}, suite {name}, {suite['tasks']} tasks")
+    split = " to tune by" if suite["split"] == "tune" else ""
+    shown = Table(title=f"{result['body']}, suite {name}, {suite['tasks']} tasks{split}")
     shown.add_column("goals")
     for eps in metrics.EPS:
         shown.add_column(f"end\n@{eps:g}", justify="right")
