@@ -1,6 +1,7 @@
 """README and tutorial do what they say: every block of theirs is run, in reading order."""
 
 import functools
+import importlib
 import inspect
 import re
 import runpy
@@ -124,9 +125,8 @@ def test_the_readme() -> None:
 @pytest.mark.peers
 @pytest.mark.usefixtures("small")
 def test_the_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    from stable_baselines3 import SAC
-
-    learn = SAC.learn
-    monkeypatch.setattr(SAC, "learn", lambda model, steps: learn(model, min(steps, 1_100)))
+    sac = importlib.import_module("stable_baselines3").SAC
+    learn = sac.learn
+    monkeypatch.setattr(sac, "learn", lambda model, steps: learn(model, min(steps, 1_100)))
     read("docs/benchmark.md", {})
     assert "cartpole, suite motion, 6 tasks" in capsys.readouterr().out
