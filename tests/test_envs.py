@@ -136,6 +136,20 @@ def test_bodies_go_on_alike_from_the_same_physics(body: str) -> None:
             env.set_physics(wrong)
 
 
+def test_some_bodies_are_put_back_while_the_others_go_on(body: str) -> None:
+    env, unmoved = make(body, 3, 0), make(body, 3, 0)
+    taken, seen = env.get_physics(), env.observe()
+    actions = np.tile(env.action_space.sample()[:1], (3, 1))
+    for one in (env, unmoved):
+        one.step(actions)
+    second = np.array([False, True, False])
+    env.set_physics([taken[2]], second)
+    np.testing.assert_array_equal(env.observe()[1], seen[2])
+    np.testing.assert_array_equal(env.step(actions)[0][~second], unmoved.step(actions)[0][~second])
+    with pytest.raises(EverystateError, match="physics"):
+        env.set_physics(taken, second)
+
+
 def test_snapshot_of_something_else_is_refused(body: str) -> None:
     with pytest.raises(EverystateError, match=f"the state does not belong to 2 x .*{body[-4:]}"):
         make(body, 2, 0).set_state(make(body, 3, 0).get_state())
