@@ -1,6 +1,5 @@
 """A body as Stable-Baselines3 wants it for hindsight: goals are whole states."""
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
@@ -10,6 +9,7 @@ from jaxtyping import Float, Float32
 from stable_baselines3.common.vec_env import VecEnv
 
 from everystate.envs import BodyVectorEnv, random_play
+from everystate.evaluation import metrics
 from everystate.evaluation.suites import Suite
 
 GOAL_EPS = 0.5
@@ -108,13 +108,11 @@ class GoalVecEnv(VecEnv):
     ) -> Float32[np.ndarray, " n"]:
         """Of scaled states and goals."""
         states, goals = self.body.scored(self._own(achieved)), self.body.scored(self._own(desired))
-        apart = states - goals
         angular = self.suite.mask(self.suite.angular)
-        short = np.mod(apart + math.pi, 2 * math.pi) - math.pi  # the short way round
-        apart = np.where(angular, short, apart) / self.suite.sigma
+        (apart,) = metrics.differences(states[None], goals, self.suite.sigma, angular)
         if self._dense:
             return np.expm1(-(apart**2).mean(axis=1)).astype(np.float32)
-        return np.where(np.abs(apart).max(axis=1) <= GOAL_EPS, 0, -1).astype(np.float32)
+        return np.where(apart.max(axis=1) <= GOAL_EPS, 0, -1).astype(np.float32)
 
     def scaled(self, states: Float[np.ndarray, "n state"]) -> Float32[np.ndarray, "n state"]:
         """As the peer sees them."""
