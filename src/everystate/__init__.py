@@ -13,20 +13,19 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from everystate import benchmark, envs, evaluation
+    from everystate import envs, evaluation
     from everystate.agent import Agent, load
     from everystate.config import Config
     from everystate.errors import EverystateError
     from everystate.presets import preset
     from everystate.training import Tracker, train
 
-_MODULES = ("benchmark", "envs", "evaluation")
+_MODULES = ("envs", "evaluation")
 __all__ = [
     "Agent",
     "Config",
     "EverystateError",
     "Tracker",
-    "benchmark",
     "envs",
     "evaluation",
     "load",
