@@ -127,13 +127,14 @@ def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
         begun = _begun(config, *arguments)
         return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, begun)
     sizes = warmup.observations.shape[-1], warmup.actions.shape[-1]
-    arrays = _beginning(dataclasses.replace(config, seed=0), *sizes)(*arguments)
+    alike = dataclasses.replace(config, seed=0, body_options=())
+    arrays = _beginning(alike, *sizes)(*arguments)
     return _structure(skeleton(config, *sizes))([own(x) for x in arrays])
 
 
 @functools.lru_cache(maxsize=4)
 def _beginning(config: Config, state_size: int, action_size: int) -> Callable[..., list[Array]]:
-    """What makes a new state's arrays: traced for the first run of a process, whatever its seed."""
+    """What makes a new state's arrays: traced for the first of the runs of a process alike."""
     program: list[Callable[..., list[Array]]] = []
 
     def made(*arguments: Any) -> list[Array]:
