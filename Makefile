@@ -20,7 +20,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 DEMO_ARGS ?=
 TESTS ?= tests
-PYTEST_ARGS ?= -n auto --maxprocesses=4
+# Each worker begins with a run of neighbours: a module's programs are traced by one of them.
+PYTEST_ARGS ?= -n auto --maxprocesses=4 --dist worksteal
 
 help:  ## explain the targets (what `make` alone does)
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -50,6 +51,7 @@ test-slow: setup  ## run the tests that take more than seconds
 test-browser: setup  ## run the tests of the studio that need Chromium (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest -m browser $(TESTS)
 
+# Empty XLA_FLAGS, because another XLA may not know those of tests/conftest.py.
 test-newest:  ## build the wheel, and try it on the newest Python and packages
 	@test -n "$(NEWEST)" || { echo "No Python newer than 3.11 was found: name one, make NEWEST=/its/path" >&2; exit 1; }
 	"$(NEWEST)" -m venv --clear .venv-newest
@@ -61,8 +63,8 @@ test-newest:  ## build the wheel, and try it on the newest Python and packages
 	@$(NEWEST_BIN)/python --version
 	@$(NEWEST_BIN)/python -m pip --disable-pip-version-check list | grep -iE '^(jax|mujoco|numpy|gymnasium) '
 	$(NEWEST_BIN)/everystate demo --preset test --run-dir .venv-newest/run
-	$(NEWEST_BIN)/python -m pytest tests/test_versions.py
-	$(NEWEST_BIN)/python -m pytest -m track tests/test_tracking.py
+	XLA_FLAGS= $(NEWEST_BIN)/python -m pytest tests/test_versions.py
+	XLA_FLAGS= $(NEWEST_BIN)/python -m pytest -m track tests/test_tracking.py
 
 peers: $(PEERS_STAMP)  ## install Stable-Baselines3 for `everystate compare` (and with it PyTorch)
 

@@ -1,6 +1,7 @@
 """What every test runs under: shapes checked, JAX strict, compiled programs kept between runs."""
 
 import functools
+import gc
 import importlib
 import os
 from collections.abc import Callable, Iterator
@@ -17,8 +18,20 @@ import pytest
 # import, because a module that was imported earlier would go unchecked.
 jaxtyping.install_import_hook("everystate", "beartype.beartype")
 
+# Tracing makes objects by the thousand, and what is imported is never garbage: an eighth of tracing
+# went into looking through it again and again.
+gc.freeze()
+gc.set_threshold(20_000)
+
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+QUICKLY_COMPILED = (
+    # Of XLA's two generators of code the one that takes a third of the time; both make code that
+    # is as quick. (So is compiling with xla_cpu_opt_preset=FAST_COMPILE, but its code is not.)
+    "--xla_cpu_use_fusion_emitters=false",
+    "--xla_cpu_parallel_codegen_split_count=1",  # the other cores have tests of their own
+)
 
 # Library functions that promote inside themselves, each seen to fail under the two settings above.
 # They alone run as they do for users; whatever calls them stays strict.
@@ -55,12 +68,27 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)  # for the processes that tests start
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
         jax.config.update("jax_compilation_cache_dir", str(folder))
-    # Fast tests compile more than they run: a fifth of their time is optimising. The slow ones
-    # train for minutes, and the demo and the benchmarks run what a user does.
-    if not config.option.markexpr.startswith("slow"):
-        os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
-        jax.config.update("jax_disable_most_optimizations", True)
+    # Tests compile more than they run, and optimising is most of compiling.
+    os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+    jax.config.update("jax_disable_most_optimizations", True)
+    os.environ.setdefault("XLA_FLAGS", " ".join(QUICKLY_COMPILED))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+@pytest.fixture
+def optimised(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """For what takes thousands of steps: programs that run quickly."""
+    monkeypatch.delenv("JAX_DISABLE_MOST_OPTIMIZATIONS", raising=False)
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", True)
+
+
+@pytest.fixture
+def as_users() -> dict[str, str]:
+    """An environment for processes that compile as they do for a user."""
+    quick = ("JAX_DISABLE_MOST_OPTIMIZATIONS", "XLA_FLAGS")
+    return {name: x for name, x in os.environ.items() if name not in quick}
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -19,6 +19,9 @@ from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
 from everystate.presets import preset
 
+# Of more than one test, for its update is one of the programs that take long to compile.
+PURSUING = preset("test", epochs=100, pursued_share=1.0)
+
 
 def drift(config, key, steps):
     """Transitions [steps, bodies, ...] of points that move by a tenth of their action."""
@@ -56,7 +59,7 @@ def leaves(state):
     ],
 )
 def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
-    config = preset("test", flow=flow, num_updates=2, target_period=1)
+    config = preset("test", flow=flow)
     state = start(config)
     draws = eqx.filter_jit(algorithm.draw)(config, state)
     episodes, actions = act_at(config, state, draws, 0, state.episodes, jnp.zeros((10, 2)))
@@ -164,7 +167,7 @@ def test_who_wanders_keeps_to_random_actions_for_a_while_and_others_do_as_ever()
 def test_further_steps_of_d_and_imagined_steps_of_pi_and_v_move_nothing_else():
     further = {"dynamics_updates": 6, "imagined_weight": 1.0, "imagined_targets": 0.5}
     moved = ("dynamics", "policies", "values")
-    few, more = preset("test", epochs=100), preset("test", epochs=100, **further)
+    few, more = PURSUING, dataclasses.replace(PURSUING, **further)
     update = eqx.filter_jit(algorithm.update_once)
     (once, _, _), (often, metrics, _) = (
         update(config, start(config), key=jax.random.key(5)) for config in (few, more)
@@ -196,7 +199,7 @@ def test_dynamics_that_practise_are_learned_sooner():
 
 def test_goals_pursued_are_learned_of_where_they_were_pursued():
     """With share 1 every pair (s, g) is one that a body had; with share 0 the ring keeps none."""
-    config = preset("test", pursued_share=1.0)
+    config = PURSUING
     state = start(config)
     held = state.replay.transitions
     assert held.goals.shape == held.observations.shape

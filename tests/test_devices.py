@@ -66,7 +66,7 @@ def test_more_devices_than_there_are_is_told_before_anything_is_written(tmp_path
 def started(run: Path, *words: str, devices: int = 1) -> subprocess.Popen:
     fields = [f"--{name.replace('_', '-')}={value}" for name, value in SMALL.items()]
     command = [sys.executable, "-m", "everystate", "train", "ramp-pointmass", "--preset", "test"]
-    flags = f"--xla_force_host_platform_device_count={devices}"
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
     return subprocess.Popen(
         [*command, *fields, "--epochs", "2", "--quiet", "--run-dir", str(run), *words],
         env=os.environ | {"XLA_FLAGS": flags},

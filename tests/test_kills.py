@@ -9,13 +9,16 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.parametrize("kills", [5, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("kills", "compiled"), [(5, "quickly"), pytest.param(10, "as users do", marks=pytest.mark.slow)]
+)
 def test_a_run_that_is_killed_ends_as_if_it_had_not_been(
-    pytestconfig: pytest.Config, kills: int
+    pytestconfig: pytest.Config, as_users: dict[str, str], kills: int, compiled: str
 ) -> None:
     script = Path(__file__).with_name("trust") / "kill_runs.py"
     # With a cache of everystate's own, as users have it: traced programs are kept too.
-    environment = {k: x for k, x in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    environment = dict(os.environ) if compiled == "quickly" else as_users
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
     assert pytestconfig.cache is not None
     environment["EVERYSTATE_CACHE"] = str(pytestconfig.cache.mkdir("everystate"))
     done = subprocess.run(

@@ -14,7 +14,7 @@ import pytest
 
 import everystate
 from everystate import Agent, cli, presets
-from everystate.evaluation import suites
+from everystate.evaluation import performances, suites
 from everystate.training import train
 from everystate.viewing.studio import Studio
 
@@ -36,10 +36,11 @@ SHORTER = {
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """`quick` is an epoch of preset `test`, suites have six goals, a studio is only glanced at."""
+    """`quick` is an epoch of preset `test`; goals and starts are six; a studio is glanced at."""
     monkeypatch.chdir(tmp_path)
-    load = suites.load
+    load, perform = suites.load, performances.perform
     monkeypatch.setattr(suites, "load", lambda *a, **k: load(*a, **k).subset(6))
+    monkeypatch.setattr(performances, "perform", lambda *a, **k: perform(*a, **k | {"starts": 6}))
     monkeypatch.setattr(presets, "_ANY", presets._ANY | presets._TINY | {"epochs": 1})
     monkeypatch.setattr(presets, "_TUNED_BODIES", {})
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,12 +28,16 @@ def walked(first, steps):
     return Transitions(before, before[:, 1:], before + step, before[:, :0])
 
 
+add = eqx.filter_jit(rb.add)  # which is called again and again
+decay_states = eqx.filter_jit(rb.decay_states)
+
+
 def ring(steps, chunk=5):
     """A ring of 40 steps of 10 bodies after so many steps, all weights 1."""
     replay = rb.empty(CONFIG, 2, 1)
     for first in range(0, steps, chunk):
         new = walked(first, chunk)
-        replay = rb.add(CONFIG, replay, new, jnp.zeros(chunk * BODIES), jnp.zeros(chunk * BODIES))
+        replay = add(CONFIG, replay, new, jnp.zeros(chunk * BODIES), jnp.zeros(chunk * BODIES))
     return replay
 
 
@@ -63,7 +68,7 @@ def test_weights_enter_their_own_buffers():
 def test_a_states_weight_halves_in_a_half_life(half_life):
     replay = old = ring(5)
     for _ in range(half_life):
-        replay = rb.decay_states(replay, float(half_life))
+        replay = decay_states(replay, float(half_life))
     halved = np.asarray(replay.states.log[:50])
     np.testing.assert_allclose(halved, np.full(50, -np.log(2)), rtol=2e-6)
     assert np.isneginf(replay.states.log[50:]).all()

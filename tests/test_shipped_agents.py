@@ -9,7 +9,7 @@ import pytest
 from everystate import Agent, evaluation, load
 from everystate.skills import skill
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("optimised")]
 
 # (suite, group) -> the least score, beside what was measured (results/agents).
 SCORES: dict[str, dict[tuple[str, str], float]] = {

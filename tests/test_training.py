@@ -8,7 +8,6 @@ import importlib
 import itertools
 import json
 import logging
-import os
 import shutil
 import signal
 import subprocess
@@ -150,10 +149,11 @@ def test_an_interrupted_run_ends_as_if_it_had_not_been(
 
 
 @pytest.mark.slow
-def test_a_run_that_is_compiled_as_users_do_is_resumed_bit_for_bit(tmp_path: Path) -> None:
-    """The fast tests leave most optimisations out, and check types."""
+def test_a_run_that_is_compiled_as_users_do_is_resumed_bit_for_bit(
+    tmp_path: Path, as_users: dict[str, str]
+) -> None:
+    """Other tests leave most optimisations out, and check types."""
     straight, resumed = tmp_path / "straight", tmp_path / "resumed"
-    as_users = {k: x for k, x in os.environ.items() if k != "JAX_DISABLE_MOST_OPTIMIZATIONS"}
     script = (
         "import sys; import jax; import everystate\n"
         "assert not jax.config.values['jax_disable_most_optimizations']\n"

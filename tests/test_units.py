@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -59,14 +60,19 @@ def test_units_do_not_depend_on_what_a_component_is_measured_in(factor):
 
 def followed(state: AgentState, epochs: int, first: int = 0) -> AgentState:
     """After so many epochs without anything new."""
+    grow = eqx.filter_jit(grown)
     for epoch in range(first, first + epochs):
         state = state._replace(epoch=jnp.array(epoch))
-        state, _ = grown(CONFIG, state, key=jax.random.key(epoch))
+        state, _ = grow(CONFIG, state, key=jax.random.key(epoch))
     return state
 
 
-def test_units_stay_where_they_belong():
-    settled = followed(begun(), 50)
+@pytest.fixture(scope="module")
+def settled() -> AgentState:
+    return followed(begun(), 50)
+
+
+def test_units_stay_where_they_belong(settled: AgentState):
     later = followed(settled, 150, first=50)
     np.testing.assert_allclose(later.scale.spread, settled.scale.spread, rtol=0.05)
     np.testing.assert_allclose(later.scale.centre, settled.scale.centre, atol=0.2)
@@ -87,8 +93,7 @@ def test_units_fit_a_body_that_moves_so_many_times_as_far_as_it_seemed_to(times)
     assert 0.5 < float(jnp.std(states)) < 1.25  # goals, which units fit, are spread more evenly
 
 
-def test_a_settled_unit_that_is_outgrown_by_less_than_half_hardly_moves():
-    settled = followed(begun(), 50)
+def test_a_settled_unit_that_is_outgrown_by_less_than_half_hardly_moves(settled: AgentState):
     wider = walk(1.0)._replace(next_observations=walk(1.2).next_observations)
     more = algorithm.observe(CONFIG, settled, wider)
     after, metrics = grown(CONFIG, more, key=jax.random.key(0))

@@ -1,5 +1,6 @@
 """The algorithm's functions, compiled once for a run."""
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
@@ -121,19 +122,33 @@ def _compiler_options() -> dict[str, str]:
 def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
     """The state before the first epoch."""
     arguments = warmup, scale, named(jax.random.key(config.seed), "agent")
-
-    def make(warmup: Transitions, scale: Scale, key: PRNGKeyArray) -> AgentState:
-        return algorithm.init(config, warmup, scale, key=key)
-
     if config.flow != "pldu":
         # FlowJAX keeps first parameters in functions, where those of a trace must not remain.
-        return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, make(*arguments))
+        begun = _begun(config, *arguments)
+        return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, begun)
+    sizes = warmup.observations.shape[-1], warmup.actions.shape[-1]
+    alike = dataclasses.replace(config, seed=0, body_options=())
+    arrays = _beginning(alike, *sizes)(*arguments)
+    return _structure(skeleton(config, *sizes))([own(x) for x in arrays])
+
+
+@functools.lru_cache(maxsize=4)
+def _beginning(config: Config, state_size: int, action_size: int) -> Callable[..., list[Array]]:
+    """What makes a new state's arrays: traced for the first of the runs of a process alike."""
+    program: list[Callable[..., list[Array]]] = []
 
     def made(*arguments: Any) -> list[Array]:
-        return _arrays(make(*arguments))
+        return _arrays(_begun(config, *arguments))
 
-    # Run once: what optimising it would save is far less than it costs.
-    options: dict[str, Any] = {"compiler_options": {"xla_backend_optimization_level": 0}}
-    arrays = kept("init", config, made, arguments, **options)(*arguments)
-    like = skeleton(config, warmup.observations.shape[-1], warmup.actions.shape[-1])
-    return _structure(like)([own(x) for x in arrays])
+    def call(*arguments: Any) -> list[Array]:
+        if not program:
+            # Run once: what optimising it would save is far less than it costs.
+            options: dict[str, Any] = {"compiler_options": {"xla_backend_optimization_level": 0}}
+            program.append(kept("init", config, made, arguments, **options))
+        return program[0](*arguments)
+
+    return call
+
+
+def _begun(config: Config, warmup: Transitions, scale: Scale, key: PRNGKeyArray) -> AgentState:
+    return algorithm.init(config, warmup, scale, key=key)
