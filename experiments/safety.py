@@ -41,8 +41,8 @@ EDGE = 0.1  # m: an action moves it so far, and its noise as much as 0.06 furthe
 MIDDLE = (0.75, 0.0)  # half way up: where the paper's figure shows the actions
 ACROSS = (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)  # x, over the edge
 ALONG = (-0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4)  # y, over which V is averaged at each of these
-SEARCH = Planning(horizon=1, rounds=1, candidates=64, rollouts=20)
-"""The best of 64 actions by one step of d and V, half of them the policy's."""
+SEARCH = Planning(horizon=1, rollouts=20, checks=20)
+"""The policy, corrected by one step of d and V."""
 NUMBERS = {
     "falls": "falls, % of climbs",
     "completed": "climbs completed, %",

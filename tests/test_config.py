@@ -138,6 +138,12 @@ def test_hit_and_stay_learn_from_whole_ways_alone():
     assert preset("any").imagined_targets == 1
 
 
+def test_v_learns_on_imagined_ways_only_where_there_are_some():
+    with pytest.raises(EverystateError, match=r"value_stride = 4 .*imagined_targets = 0 "):
+        preset("paper", value_stride=4)
+    assert preset("paper", value_stride=4, imagined_targets=1.0).value_stride == 4
+
+
 def test_unknown_names_suggest_the_nearest():
     with pytest.raises(EverystateError, match="unknown preset 'papr': did you mean 'paper'"):
         preset("papr")

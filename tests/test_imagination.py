@@ -40,8 +40,10 @@ def configured(**fields):
 def both(config, gain, models=None, floor=NO_FLOOR):
     models, key = models or world(), jax.random.key(0)
     aim, *_ = objectives(config, floor)
-    returns = imagined_returns(config, models, policy(gain), value, aim, STATES, GOALS, key=key)
-    return jax.tree.map(jnp.mean, returns)
+    returns = imagined_returns(
+        config, models, policy(gain), value, value, aim, STATES, GOALS, key=key
+    )
+    return returns._replace(climbed=returns.climbed.mean(), counted=returns.counted.mean(axis=0))
 
 
 def climbed(*args, **kwargs):
@@ -66,8 +68,44 @@ def by_hand(config, gain, steps, absorb):
 def test_the_return_is_the_rewards_on_the_way_and_the_value_at_its_end(steps):
     config = configured(imagined_steps=steps, absorb=0.5, absorb_power=2, imagined_absorb=False)
     found = both(config, 0.8)
-    np.testing.assert_allclose(found.counted, by_hand(config, 0.8, steps, absorb=0.5), rtol=1e-4)
+    counted = by_hand(config, 0.8, steps, absorb=0.5)
+    np.testing.assert_allclose(found.counted[0], counted, rtol=1e-4)
     np.testing.assert_allclose(found.climbed, by_hand(config, 0.8, steps, absorb=0), rtol=1e-4)
+    np.testing.assert_array_equal(found.states, STATES[:, None])
+
+
+def test_the_value_learns_at_states_on_the_way_too():
+    """At every second one, of what is counted from there on [D42]."""
+    asked = {"imagined_steps": 5, "imagined_targets": 1.0, "absorb": 0.5}
+    whole = both(configured(**asked, value_stride=1), 0.8)
+    found = both(configured(**asked, value_stride=2), 0.8)
+    assert whole.states.shape == (2, 5, 2)
+    np.testing.assert_array_equal(found.states, whole.states[:, ::2])
+    np.testing.assert_array_equal(found.counted, whole.counted[::2])
+    later = configured(imagined_steps=3, absorb=0.5)
+    aim, *_ = objectives(later)
+    begun = whole.states[:, 2]
+    key = jax.random.key(0)
+    anew = imagined_returns(later, world(), policy(0.8), value, value, aim, begun, GOALS, key=key)
+    np.testing.assert_allclose(found.counted[1], anew.counted.mean(), rtol=1e-5)
+
+
+def test_what_is_climbed_has_a_value_of_its_own_at_its_end():
+    """V learns from V_targ, the policy climbs another [D43]."""
+    config, key = configured(imagined_steps=2, absorb=0.0), jax.random.key(0)
+    aim, *_ = objectives(config, NO_FLOOR)
+
+    def found(target, climbs):
+        known = config, world(), policy(0.8), target, climbs, aim
+        return imagined_returns(*known, STATES, GOALS, key=key)
+
+    def twice(s, g):
+        return 2 * value(s, g)
+
+    one, other = found(value, value), found(value, twice)
+    np.testing.assert_array_equal(one.counted, other.counted)
+    np.testing.assert_array_equal(other.climbed, found(twice, twice).climbed)
+    assert (other.climbed < one.climbed).all()
 
 
 def test_its_gradient_leads_to_the_goal():
@@ -85,7 +123,7 @@ def test_a_policy_beyond_all_actions_is_led_back_but_no_further_out(beyond):
         key, config = jax.random.key(0), configured(imagined_steps=2)
         pair = jnp.zeros((1, 2)), jnp.full((1, 2), goal)
         aim, *_ = objectives(config)
-        returns = imagined_returns(config, world(), acts, value, aim, *pair, key=key)
+        returns = imagined_returns(config, world(), acts, value, value, aim, *pair, key=key)
         return -returns.climbed.mean()
 
     slope = jax.grad(loss)
@@ -109,7 +147,7 @@ def test_an_action_gains_so_much_and_no_more():
             def cliff(s, g):
                 return steep * value(s, g)
 
-            key, known = jax.random.key(0), (config, world(), acts, cliff, aim)
+            key, known = jax.random.key(0), (config, world(), acts, cliff, cliff, aim)
             returns = imagined_returns(*known, states, goals, key=key)
             return -weight * returns.climbed.mean()
 

@@ -19,7 +19,7 @@ AIM = objectives(CONFIG)[PASS]
 
 def hit(near, now=0.0):
     """The hit before a way with this closeness at each step, after which nothing comes."""
-    return float(AIM.counted(jnp.array([now, *near]), jnp.zeros(())))
+    return float(AIM.counted(jnp.array([now, *near]), jnp.zeros(()))[0])
 
 
 def test_the_objectives_are_the_configs():
@@ -46,7 +46,7 @@ def test_where_a_goal_is_met_there_is_no_more_to_hit():
     """V(s, s) = 0 (eq. 2): no way is better than the one that is over, and none is worse."""
     for near in ([0.0, 0.0], [0.3, 0.9], [1.0, 1.0]):
         assert hit(near, now=1.0) == 1
-    counted = jax.grad(lambda way: AIM.counted(way, jnp.zeros(())))
+    counted = jax.grad(lambda way: AIM.counted(way, jnp.zeros(()))[0])
     assert np.all(np.asarray(counted(jnp.array([0.95, 0.97, 0.97])))[1:] == 0)
     assert np.any(np.asarray(counted(jnp.array([0.5, 0.97, 0.97])))[1:] > 0)
 
@@ -62,8 +62,18 @@ def test_a_hit_is_climbed_in_steps_as_the_sum_is():
     worths = np.asarray(AIM.worth(jnp.array([0.0, 1.0])))
     np.testing.assert_allclose(worths, [-1 / (1 - DISCOUNT), 0], atol=1e-5)
     way, last = jnp.array([0.1, 0.2, 0.7]), jnp.array(0.4)
-    assert float(AIM.climbed(way, last)) == float(AIM.worth(AIM.counted(way, last)))
+    assert float(AIM.climbed(way, last)) == float(AIM.worth(AIM.counted(way, last)[0]))
     assert float(AIM.ahead(way, last)) == float(AIM.climbed(way, last))
+
+
+def test_each_state_of_a_way_is_worth_what_comes_from_there_on():
+    """V learns along the whole way [D42]: of each state but the last, as if it had begun there."""
+    way, last = jnp.array([0.1, 0.2, 0.9, 0.3, 0.4]), jnp.array(0.35)
+    for aim, end in zip(objectives(CONFIG), (-3 * last, last), strict=True):
+        along = aim.counted(way, end)
+        assert along.shape == (4,)
+        for step, found in enumerate(along):
+            assert float(found) == float(aim.counted(way[step:], end)[0])
 
 
 def test_only_the_sum_leads_on_where_a_goal_is_nearly_met():

@@ -21,7 +21,7 @@ PLACES = 6
 
 def backup(config, near, value, floor):
     """r + V_targ after one step."""
-    return objectives(config, floor)[0].counted(jnp.stack([jnp.zeros(()), near]), value)
+    return objectives(config, floor)[0].counted(jnp.stack([jnp.zeros(()), near]), value)[0]
 
 
 def test_components_count_by_what_a_step_changes_them_by() -> None:

@@ -137,6 +137,9 @@ class Config:
     """Power of κ that this chance is: above 1 the count ends only nearer to the goal [D10]."""
     goal_value_weight: float = 1.0
     """Weight of V(g,g)^2 beside (V - v_targ)^2."""
+    value_stride: int = 0
+    """V learns at every so many-th state of an imagined way, the first of which is s; 0: only at s
+    [D42]."""
     relative_errors: bool = False
     """V's squared errors count per unit of 1 + |v_targ|: near a goal V must be exact [D29]."""
 
@@ -272,6 +275,12 @@ class Config:
             raise EverystateError(
                 f"kept_steps = {self.kept_steps} is more than imagined_steps = "
                 f"{self.imagined_steps}, on which actions are kept: lower it, or raise the other"
+            )
+        if self.value_stride and not self.imagined_targets:
+            raise EverystateError(
+                f"value_stride = {self.value_stride} has V learn on imagined ways, and "
+                f"imagined_targets = 0 has it learn of none: set value_stride to 0, or raise "
+                f"imagined_targets"
             )
         if self.improved_pairs % self.devices:
             raise EverystateError(

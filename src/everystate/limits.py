@@ -22,6 +22,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "steepest": (1e-3, math.inf),
     "imagined_steps": (1, 100),
     "kept_steps": (0, 100),
+    "value_stride": (0, 100),
     "imagined_targets": (0, 1),
     "improved_share": (0, 1),
     "hindsight_steps": (1, 10_000),

@@ -85,6 +85,8 @@ _ANY = _SMALL | {
     "imagined_weight": 50.0,
     "imagined_steps": 16,
     "imagined_targets": 1.0,
+    "value_stride": 4,
+    "steps_per_epoch": 200,
     "kept_steps": 8,
     "steepest": 10.0,
     "hindsight": False,

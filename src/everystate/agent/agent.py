@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.spaces import Box
-from jaxtyping import Array, Float, Float32
+from jaxtyping import Array, Bool, Float, Float32
 from numpy.typing import ArrayLike
 
 from everystate import skills
@@ -22,7 +22,7 @@ from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
 from everystate.learning.components import asked
-from everystate.learning.planning import Planning
+from everystate.learning.planning import Planned, Planning
 
 SHIPPED = Path(__file__).parents[1] / "agents"
 
@@ -42,6 +42,8 @@ class Plan(NamedTuple):
     """In [-1, 1], one after the other."""
     states: Float32[np.ndarray, "*n horizon+1 state"]
     """By the learned dynamics without their noise; the first is that from which it plans."""
+    corrected: Bool[np.ndarray, "*n"]
+    """Whether the search found better than the policy, which otherwise acts alone."""
 
 
 @final
@@ -105,15 +107,15 @@ class Agent:
         Where there is a policy to pass goals and one to hold them, the goal is passed until it is
         nearly met, and then held if it can be [D31].
 
-        Without `plan` it is the policy's most central one (z = 0). With it, the first of the best
-        few actions in a row that a short search through the learned dynamics and value finds
-        (4.2, 4.3): slower, better for some agents, and deterministic for a `seed`; a `Planning`
-        says how far and how hard to search. Either argument may be a batch.
+        Without `plan` it is the policy's most central one (z = 0). With it, a short search through
+        the learned dynamics and value (4.2, 4.3) corrects that where it is sure to do better:
+        slower, and deterministic for a `seed`; a `Planning` says how far and how hard to search.
+        Either argument may be a batch.
         """
         states, goals, single = self._pairs(observation, goal)
         if plan:
             planning = plan if isinstance(plan, Planning) else Planning()
-            actions = self._search(states, goals, planning, seed)[:, 0]
+            actions = self._search(states, goals, planning, seed).actions[:, 0]
         else:
             actions = compiled.act(self.config, self.models, states, goals)
         return _returned(actions, single)
@@ -128,10 +130,12 @@ class Agent:
     ) -> Plan:
         """The few actions in a row of which `act` with `plan` returns the first, and their way."""
         states, goals, single = self._pairs(observation, goal)
-        actions = self._search(states, goals, planning or Planning(), seed)
-        way = np.asarray(compiled.ahead(self.models, states, actions))
+        found = self._search(states, goals, planning or Planning(), seed)
+        way = np.asarray(compiled.ahead(self.models, states, found.actions))
         way = way * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
-        return Plan(_returned(actions, single), way[0] if single else way)
+        corrected = np.asarray(found.corrected)
+        actions = _returned(found.actions, single)
+        return Plan(actions, *((way[0], corrected[0]) if single else (way, corrected)))
 
     def predict(
         self, observation: ArrayLike, goal: ArrayLike, deterministic: bool = True, *, seed: int = 0
@@ -224,7 +228,7 @@ class Agent:
 
     def _search(
         self, states: Float[Array, "n s"], goals: Float[Array, "n s"], planning: Planning, seed: int
-    ) -> Float[Array, "n horizon a"]:
+    ) -> Planned:
         key = jax.random.key(seed)
         return compiled.plan(self.config, planning, self.models, states, goals, key)
 

@@ -12,7 +12,7 @@ from everystate.algorithm import Models
 from everystate.config import Config
 from everystate.learning.goals import imagined, least_likely
 from everystate.learning.objectives import objectives, pursued, worths
-from everystate.learning.planning import Planning
+from everystate.learning.planning import Planned, Planning
 from everystate.learning.planning import plan as search
 
 _BATCH = 64  # of searches, whose imagined outcomes must fit into memory
@@ -59,8 +59,8 @@ def plan(
     states: Float[Array, "n s"],
     goals: Float[Array, "n s"],
     key: PRNGKeyArray,
-) -> Float[Array, "n horizon a"]:
-    """The actions, one after the other, that a search finds for each."""
+) -> Planned:
+    """What a search decides for each."""
     return jax.lax.map(
         lambda x: search(config, planning, models, x[0], x[1], key=x[2]),
         (states, goals, jax.random.split(key, len(states))),

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.objectives import Objective
-from everystate.learning.ways import rolled
+from everystate.learning.ways import nearness, rolled
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(1,))
@@ -42,8 +42,10 @@ class Imagined(NamedTuple):
 
     climbed: Float[Array, " batch"]
     """Reaching may end no count here, as in planning: so the policy cares for what comes after."""
-    counted: Float[Array, " batch"]
-    """What V is before these steps: reaching ends the count as V has it [D10]."""
+    states: Float[Array, "batch n s"]
+    """Where V learns: s, and every `value_stride`-th state on the way from there [D42]."""
+    counted: Float[Array, "batch n"]
+    """What V is there: reaching ends the count as V has it [D10]."""
 
 
 def imagined_returns(
@@ -51,6 +53,7 @@ def imagined_returns(
     models: Any,
     policy: Callable[[Float[Array, " s"], Float[Array, " s"]], Float[Array, " a"]],
     target_value: Callable,
+    climbed_value: Callable,
     aim: Objective,
     states: Float[Array, "batch s"],
     goals: Float[Array, "batch s"],
@@ -66,7 +69,8 @@ def imagined_returns(
         config: hyper-parameters.
         models: anything with `state_flow` and `dynamics`, as in `Models`.
         policy: the centre of pi, which acts at every step, as the agent will.
-        target_value: V_targ(s, g).
+        target_value: V_targ(s, g), which V learns from.
+        climbed_value: the V(s, g) that the policy climbs [D43].
         aim: what V counts.
         states: s, scaled.
         goals: g, scaled.
@@ -77,10 +81,14 @@ def imagined_returns(
         def act(_: Array, s: Float[Array, " s"]) -> Float[Array, " a"]:
             return within(policy(s, goal), steepest)
 
-        way = rolled(config, models, target_value, aim, act, state, goal, latents)
-        return Imagined(aim.climbed(way.near, way.last), aim.counted(way.near, way.last))
+        way = rolled(models, act, state, latents)
+        near = nearness(config, models, aim, way, goal)
+        climbed = aim.climbed(near, aim.read(climbed_value(way[-1], goal)))
+        counted = aim.counted(near, aim.read(target_value(way[-1], goal)))
+        return Imagined(climbed, way[:-1:stride], counted[::stride])
 
     pairs, size = states.shape
+    stride = config.value_stride or config.imagined_steps
     steepest = config.steepest * config.imagined_weight / pairs
     latents = jax.random.normal(key, (pairs, config.imagined_steps, size))
     return jax.vmap(of_one)(states, goals, latents)

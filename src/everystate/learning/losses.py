@@ -34,6 +34,7 @@ def gradients(
     starts: Float[Array, "batch s"],
     improvements: Sequence[Improvement],
     target_values: Sequence[Value],
+    climbed_values: Sequence[Value],
     aims: Sequence[Objective],
     *,
     key: PRNGKeyArray,
@@ -50,6 +51,7 @@ def gradients(
         starts: s_i, some replaced by the curriculum.
         improvements: a_best and v_targ for the first of the (s_i, g_i), or for all; by objective.
         target_values: V_targ(s, g), by objective.
+        climbed_values: those that the policies climb [D43].
         aims: the objectives.
         key: for the noise floors [D3], and for what is imagined [D25].
     """
@@ -66,27 +68,30 @@ def gradients(
         if config.kept_steps:
             better = better_loss(policy, starts[some], goals[some], improvement)
             parts["better"] = config.imagined_weight * better / len(starts)
-        targets = improvement.value
+        where, towards, targets = starts, goals, improvement.value
         if config.imagined_weight or config.imagined_targets:
             imagined = imagined_returns(
                 config,
                 models._replace(dynamics=imagines),
                 policy.central,
                 target_values[number],
+                climbed_values[number],
                 aim,
                 starts,
                 goals,
                 key=named(key, f"imagined{aim.suffix}"),
             )
             parts["imagined"] = -config.imagined_weight * imagined.climbed.mean()
-            counted = jax.lax.stop_gradient(imagined.counted)
+            along, counted = jax.lax.stop_gradient((imagined.states, imagined.counted))
+            first = counted[:, 0]
             if config.imagined_targets == 1:
-                targets = counted
-                if config.kept_steps:
-                    targets = counted.at[some].set(improvement.value)
+                targets = first.at[some].set(improvement.value) if config.kept_steps else first
             else:
-                targets += config.imagined_targets * (counted - targets)
-        parts["V"] = value_loss(config, aim, new.values[number], starts, goals, targets)
+                targets += config.imagined_targets * (first - targets)
+            where = along.reshape(-1, starts.shape[1])
+            towards = jnp.repeat(goals, counted.shape[1], axis=0)
+            targets = counted.at[:, 0].set(targets).reshape(-1)
+        parts["V"] = value_loss(config, aim, new.values[number], where, towards, targets)
         if config.hindsight:
             t = minibatch.transitions
             actions = noisy(t.actions, f"hindsight{aim.suffix}", sd=config.action_noise)

@@ -42,21 +42,23 @@ class PaperSum(NamedTuple):
         """V, from the network's output."""
         return output
 
-    def counted(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
-        """V where a way begins, from V_targ where it ends: r + V_targ, what V is fitted to.
+    def counted(self, near: Way, last: Float[Array, ""]) -> Float[Array, " steps"]:
+        """V along a way, from V_targ where it ends: r + V_targ, what V is fitted to.
 
         `bound_value` holds V_targ within [floor, 0], the values it can truly have [D4]. It does so
         here rather than in the network: an output through softplus, once at 0, stayed there.
         """
         total = value.bounded(self.config, last, jnp.asarray(self.floor))
+        along = []
         for step in reversed(range(1, len(near))):
             total = near[step] - 1 + value.remaining(self.config, near[step]) * total
-        return total
+            along.append(total)
+        return jnp.stack(along[::-1])
 
     def climbed(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
         """What the policy makes large over a way: reaching may end no count [D25]."""
         if self.config.imagined_absorb:
-            return self.counted(near, last)
+            return self.counted(near, last)[0]
         return self.ahead(near, value.bounded(self.config, last, jnp.asarray(self.floor)))
 
     def ahead(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
@@ -105,16 +107,17 @@ class Hit(NamedTuple):
         """V in [0, 1], from the network's output: nearly 0 at first, as nothing leads there yet."""
         return jax.nn.sigmoid(output + _FIRST_LOGIT)
 
-    def counted(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
-        """V where a way begins, from V_targ where it ends: what V is fitted to."""
-        hit = jnp.maximum(near[-1], last)
+    def counted(self, near: Way, last: Float[Array, ""]) -> Float[Array, " steps"]:
+        """V along a way, from V_targ where it ends: what V is fitted to."""
+        hit, along = jnp.maximum(near[-1], last), []
         for step in reversed(range(len(near) - 1)):
             hit = jnp.maximum(near[step], self.config.discount * hit)
-        return hit
+            along.append(hit)
+        return jnp.stack(along[::-1])
 
     def climbed(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
         """What the policy makes large over a way."""
-        return self.worth(self.counted(near, last))
+        return self.worth(self.counted(near, last)[0])
 
     def ahead(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
         """What a search makes large over a way."""

@@ -1,48 +1,57 @@
-"""Planning at act time through the learned dynamics and value (4.2), a few steps ahead."""
+"""Planning at act time through the learned dynamics and value (4.2): corrections of the policy."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+import optax
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.errors import EverystateError
-from everystate.learning.flows import decode
 from everystate.learning.models import Models
-from everystate.learning.objectives import Objective, objectives, pursued
+from everystate.learning.objectives import objectives, pursued
 from everystate.learning.policy import score
-from everystate.learning.ways import rolled
+from everystate.learning.ways import nearness, rolled
 
-_LEAST_SPREAD = 0.05  # of refined actions, so that equal elites do not end the search
+_SURE = 2.0
+"""Standard errors by which a mean gain must be above 0."""
 
 
 @dataclass(frozen=True)
 class Planning:
-    """How much thought an action is worth; `horizon=1, rounds=1` is one step of lookahead."""
+    """How much thought an action is worth."""
 
     horizon: int = 8
     """Steps looked ahead; V judges where they end."""
-    candidates: int = 32
-    """Sequences of actions per round."""
-    rounds: int = 2
-    """Of the cross-entropy method: each draws around the best sequences of the one before."""
-    elites: int = 8
-    """How many those are."""
+    rounds: int = 6
+    """Steps of gradient ascent on the corrections of all actions on the way."""
+    step: float = 0.2
+    """How far the first of them moves an action."""
     rollouts: int = 4
-    """Imagined outcomes per sequence, of which the worst counts, as in training."""
+    """Imagined outcomes that corrections are found on; the worst counts, as in training."""
+    checks: int = 8
+    """Others, on which they must do better than the policy alone."""
 
     def __post_init__(self) -> None:
-        for name, least in (("horizon", 1), ("candidates", 2), ("rounds", 1), ("rollouts", 1)):
+        for name, least in (("horizon", 1), ("rounds", 1), ("rollouts", 1), ("checks", 2)):
             value = getattr(self, name)
             if not (isinstance(value, int) and least <= value <= 10_000):
                 raise EverystateError(f"planning {name} is {value!r}: choose {least} to 10000")
-        if not 1 <= self.elites < self.candidates:
-            raise EverystateError(
-                f"planning elites is {self.elites}: choose 1 to {self.candidates - 1}, fewer than"
-                " candidates"
-            )
+        if not 0 < self.step <= 2:
+            raise EverystateError(f"planning step is {self.step!r}: choose above 0 to 2")
+
+
+class Planned(NamedTuple):
+    """What a search decided for one (s, g)."""
+
+    actions: Float[Array, "horizon a"]
+    """On the way that the dynamics, without noise, say that they lead."""
+    corrected: Bool[Array, ""]
+    """Whether they are other than the policy's."""
+    gain: Float[Array, ""]
+    """By how much they seem better than the policy's, in steps, taken or not."""
 
 
 def plan(
@@ -53,68 +62,60 @@ def plan(
     goal: Float[Array, " s"],
     *,
     key: PRNGKeyArray,
-) -> Float[Array, "horizon a"]:
-    """The best sequence of actions found, for one scaled (s, g).
+) -> Planned:
+    """The policy's next actions, corrected where that is surely better, for one scaled (s, g).
 
-    Half of the first round's sequences follow the policy through the learned dynamics, one of them
-    at z = 0; half are uniformly random. Later rounds refine them by the cross-entropy method
-    (Rubinstein 1999). A sequence is worth the worst of its imagined returns (eq. 3): the rewards
-    on the way and V at its end. Reaching ends no count here [D10]: once at the goal one stays, if
-    one can. All sequences share the same noises. Of several objectives that counts by which the
-    goal is pursued [D31].
+    The policy acts all along a way of `horizon` steps, where the way itself leads it, and each
+    action has a correction added. Corrections begin at 0 and climb the gradient of the worst of
+    some imagined returns (eq. 3): the rewards on the way, and V at its end. Reaching ends no count
+    [D10]. They are taken if, on other outcomes, they gain more than nothing by two standard errors,
+    each outcome beside the policy's own on the same noise, and the worst is none the worse for it.
+    So a search that finds nothing leaves the policy alone. Of several objectives that counts by
+    which the goal is pursued [D31].
     """
-    every = zip(objectives(config), models.policies, models.values, strict=True)
-    found = [_search(config, planning, models, *one, state, goal, key) for one in every]
-    return jnp.stack(found)[pursued(config, models, state, goal)]
+    aims, by = objectives(config), pursued(config, models, state, goal)
 
+    def central(s: Float[Array, " s"]) -> Float[Array, " a"]:
+        every = jnp.stack([policy.central(s, goal) for policy in models.policies])
+        return jnp.clip(every[pursued(config, models, s, goal)], -1, 1)
 
-def _search(
-    config: Config,
-    planning: Planning,
-    models: Models,
-    aim: Objective,
-    policy: Callable,
-    value: Callable,
-    state: Float[Array, " s"],
-    goal: Float[Array, " s"],
-    key: PRNGKeyArray,
-) -> Float[Array, "horizon a"]:
-    key_noise, key_policy, key_random, *keys = jax.random.split(key, 2 + planning.rounds)
-    noises = jax.random.normal(key_noise, (planning.rollouts, planning.horizon, state.size))
+    def way(corrections: Float[Array, "horizon a"], noise: Float[Array, "horizon s"]) -> Array:
+        def act(step: Int[Array, ""], s: Array) -> Float[Array, " a"]:
+            return jnp.clip(central(s) + corrections[step], -1, 1)
 
-    def follow(latents: Float[Array, "horizon a"]) -> Float[Array, "horizon a"]:
-        """What the policy would do where the dynamics, without noise, say that it leads."""
+        return rolled(models, act, state, noise)
 
-        def one(s: Array, latent: Array) -> tuple[Array, Array]:
-            action = jnp.clip(decode(policy(s, goal), latent), -1, 1)
-            return models.dynamics.central(s, action), action
+    def returned(corrections: Array, noise: Array) -> Float[Array, ""]:
+        states = way(corrections, noise)
+        every = [
+            aim.ahead(nearness(config, models, aim, states, goal), aim.read(V(states[-1], goal)))
+            for aim, V in zip(aims, models.values, strict=True)
+        ]
+        return jnp.stack(every)[by]
 
-        return jax.lax.scan(one, state, latents)[1]
+    def found(
+        now: tuple[Array, optax.OptState], _: None
+    ) -> tuple[tuple[Array, optax.OptState], None]:
+        corrections, optimiser = now
+        slope = jax.grad(lambda c: -score(config, jax.vmap(lambda z: returned(c, z))(tried)))
+        gradient = slope(corrections)
+        gradient /= optax.tree.norm(gradient) + 1e-8
+        change, optimiser = ascent.update(gradient, optimiser)
+        return (jnp.clip(corrections + change, -2, 2), optimiser), None
 
-    def worth(actions: Float[Array, "horizon a"]) -> Float[Array, ""]:
-        def outcome(noise: Float[Array, "horizon s"]) -> Float[Array, ""]:
-            def act(step: Int[Array, ""], _: Array) -> Float[Array, " a"]:
-                return actions[step]
+    key_tried, key_checked = jax.random.split(key)
+    shape = planning.horizon, state.size
+    tried = jax.random.normal(key_tried, (planning.rollouts, *shape))
+    checked = jax.random.normal(key_checked, (planning.checks, *shape))
+    none = jnp.zeros((planning.horizon, *central(state).shape))
+    ascent = optax.adam(planning.step)
+    (corrections, _), _ = jax.lax.scan(found, (none, ascent.init(none)), length=planning.rounds)
 
-            way = rolled(config, models, value, aim, act, state, goal, noise)
-            return aim.ahead(way.near, way.last)
-
-        return score(config, jax.vmap(outcome)(noises))
-
-    shape = policy(state, goal).shape
-    half = planning.candidates // 2
-    latents = jax.random.normal(key_policy, (half, planning.horizon, *shape)).at[0].set(0.0)
-    wild_shape = (planning.candidates - half, planning.horizon, *shape)
-    wild = jax.random.uniform(key_random, wild_shape, minval=-1, maxval=1)
-    sequences = jnp.concatenate([jax.vmap(follow)(latents), wild])
-    values = jax.vmap(worth)(sequences)
-    for key_round in keys:
-        order = jnp.argsort(-values)[: planning.elites]
-        best = sequences[order]
-        fresh = planning.candidates - planning.elites
-        noise = jax.random.normal(key_round, (fresh, *best.shape[1:]))
-        spread = jnp.maximum(best.std(axis=0), _LEAST_SPREAD)
-        around = jnp.clip(best.mean(axis=0)[None] + spread[None] * noise, -1, 1)
-        sequences = jnp.concatenate([best, around])
-        values = jnp.concatenate([values[order], jax.vmap(worth)(around)])
-    return sequences[jnp.argmax(values)]
+    own, other = (jax.vmap(lambda z, c=c: returned(c, z))(checked) for c in (none, corrections))
+    gain = other - own
+    sure = gain.mean() > _SURE * gain.std() / jnp.sqrt(planning.checks - 1.0)
+    corrected = sure & (score(config, other) >= score(config, own))
+    taken = jnp.where(corrected, corrections, 0)
+    states = way(taken, jnp.zeros(shape))[:-1]
+    actions = jnp.clip(jax.vmap(central)(states) + taken, -1, 1)
+    return Planned(actions, corrected, gain.mean())

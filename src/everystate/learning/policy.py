@@ -136,7 +136,7 @@ def _improve(
     def returns(next_state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         """r + V_targ(s', g), without how near s is already, which is not the action's doing."""
         way = jnp.stack([jnp.zeros(()), aim.closeness(place(next_state), place(goal))])
-        return aim.counted(way, aim.read(target_value(next_state, goal)))
+        return aim.counted(way, aim.read(target_value(next_state, goal)))[0]
 
     def proposed(s: Array, g: Array, key: PRNGKeyArray) -> tuple[Array, Array]:
         return propose(config, models.dynamics, policy, returns, s, g, key=key)

@@ -16,7 +16,7 @@ from everystate.config import Config
 from everystate.learning.imagination import within
 from everystate.learning.objectives import Objective
 from everystate.learning.policy import Improvement, Policy, score
-from everystate.learning.ways import rolled
+from everystate.learning.ways import nearness, rolled
 
 
 def improve_by_rollouts(
@@ -54,9 +54,10 @@ def improve_by_rollouts(
             def act(step: Array, s: Array) -> Array:
                 return jnp.where(step < kept, action, within(policy.central(s, g)))
 
-            way = rolled(config, models, target_value, aim, act, s, g, latents)
-            counted = aim.counted(way.near, way.last)
-            return aim.climbed(way.near, way.last), counted, way.furthest
+            way = rolled(models, act, s, latents)
+            near, last = nearness(config, models, aim, way, g), target_value(way[-1], g)
+            counted = aim.counted(near, aim.read(last))[0]
+            return aim.climbed(near, aim.read(last)), counted, jnp.abs(way).max()
 
         every = jax.vmap(jax.vmap(returns, (None, None, 0)), (0, 0, None))
         best = score(config, every(actions, kept, latents[0])[0]).argmax()
