@@ -105,7 +105,8 @@ def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]
         return [improve(fewer, state.models, *one, *pairs, key=key) for one in known]
 
     def losses(state: AgentState, minibatch: rb.Minibatch, found: list[Improvement]) -> Any:
-        models, known = (state.models, state.kept.dynamics), (state.target_values, aims)
+        models = state.models, state.kept.dynamics
+        known = state.target_values, state.climbed_values, aims
         m = minibatch
         return gradients(config, *models, m, m.states, found, *known, key=key)[0]
 

@@ -130,6 +130,7 @@ def test_planning_depends_on_nothing_but_the_seed(agent: Agent) -> None:
 
 def test_where_a_plan_corrects_nothing_the_policy_acts(agent: Agent) -> None:
     plan = agent.plan(STATES, GOALS, seed=1)
+    assert plan.corrected.shape == plan.gain.shape == (len(STATES),)
     alone = agent.act(STATES, GOALS)[~plan.corrected]
     np.testing.assert_allclose(plan.actions[~plan.corrected, 0], alone, atol=1e-6)
 

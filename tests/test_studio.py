@@ -180,9 +180,12 @@ def test_what_it_plans_is_known_while_it_plans(world: World) -> None:
     world.send(np.array([0.4, -0.6]))
     world.step()
     assert world.ahead is None
+    assert not world.pursuit.search
     world.plan = True
     before = world.state
     world.step()
+    share = "100" if world.pursuit.corrected else "0"
+    assert world.pursuit.search == f"planning corrects {share} % of its steps"
     assert world.ahead is not None
     assert world.ahead.shape == (9, 2)
     np.testing.assert_allclose(world.ahead[0], before, atol=1e-5)

@@ -44,6 +44,8 @@ class Plan(NamedTuple):
     """By the learned dynamics without their noise; the first is that from which it plans."""
     corrected: Bool[np.ndarray, "*n"]
     """Whether the search found better than the policy, which otherwise acts alone."""
+    gain: Float32[np.ndarray, "*n"]
+    """By how many steps what it found seems better, be it sure enough of that or not."""
 
 
 @final
@@ -133,9 +135,8 @@ class Agent:
         found = self._search(states, goals, planning or Planning(), seed)
         way = np.asarray(compiled.ahead(self.models, states, found.actions))
         way = way * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
-        corrected = np.asarray(found.corrected)
-        actions = _returned(found.actions, single)
-        return Plan(actions, *((way[0], corrected[0]) if single else (way, corrected)))
+        every = Plan(np.asarray(found.actions), way, *(np.asarray(x) for x in found[1:]))
+        return Plan(*(x[0] for x in every)) if single else every
 
     def predict(
         self, observation: ArrayLike, goal: ArrayLike, deterministic: bool = True, *, seed: int = 0

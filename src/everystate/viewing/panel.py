@@ -143,6 +143,7 @@ class Panel:
         pursuit = self._world.pursuit
         color = plots.GREEN if pursuit.reached is not None else plots.GREY
         text = pursuit.skill.text if pursuit.skill else "its goal is the green ghost"
+        text += f"; {pursuit.search}" if pursuit.search else ""
         self._said.content = _STATUS.format(
             name=html.escape(pursuit.name),
             color=plots.RED if pursuit.over and pursuit.reached is None else color,

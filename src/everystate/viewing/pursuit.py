@@ -36,6 +36,10 @@ class Pursuit:
     """Control steps since it was asked for."""
     reached: int | None = None
     """After how many the goal was first reached; of a skill, when its rule was last fulfilled."""
+    planned: int = 0
+    """Steps on which the agent searched ahead."""
+    corrected: int = 0
+    """Of these, those on which it found better than the policy."""
     _asked: int = field(default=0, repr=False)
 
     @property
@@ -80,3 +84,10 @@ class Pursuit:
             return f"on its way, {passed:.1f} s"
         whole = self.skill.steps * seconds
         return f"not done in {whole:.1f} s" if self.over else f"{passed:.1f} of {whole:.1f} s"
+
+    @property
+    def search(self) -> str:
+        """How often a search had another action than the policy, in words; empty without one."""
+        if not self.planned:
+            return ""
+        return f"planning corrects {100 * self.corrected / self.planned:.0f} % of its steps"

@@ -131,6 +131,8 @@ class World:
         if self.plan:
             plan = actor.plan(self.state, goal, seed=seed)
             action, self.ahead = plan.actions[0], plan.states
+            self.pursuit.planned += 1
+            self.pursuit.corrected += int(plan.corrected)
         else:
             action = actor.act(self.state, goal, seed=seed)
         if self._performance:
