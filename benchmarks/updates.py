@@ -106,7 +106,7 @@ def parts_ms(config: Config, state: AgentState, rounds: int) -> dict[str, float]
 
     def losses(state: AgentState, minibatch: rb.Minibatch, found: list[Improvement]) -> Any:
         models = state.models, state.kept.dynamics
-        known = state.target_values, state.climbed_values, aims
+        known = state.target_values, aims
         m = minibatch
         return gradients(config, *models, m, m.states, found, *known, key=key)[0]
 

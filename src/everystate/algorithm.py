@@ -194,7 +194,6 @@ def update_once(
         pairs.starts,
         improvements,
         state.target_values,
-        state.climbed_values,
         aims,
         key=named(key, "losses"),
     )

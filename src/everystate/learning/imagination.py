@@ -53,7 +53,6 @@ def imagined_returns(
     models: Any,
     policy: Callable[[Float[Array, " s"], Float[Array, " s"]], Float[Array, " a"]],
     target_value: Callable,
-    climbed_value: Callable,
     aim: Objective,
     states: Float[Array, "batch s"],
     goals: Float[Array, "batch s"],
@@ -69,8 +68,7 @@ def imagined_returns(
         config: hyper-parameters.
         models: anything with `state_flow` and `dynamics`, as in `Models`.
         policy: the centre of pi, which acts at every step, as the agent will.
-        target_value: V_targ(s, g), which V learns from.
-        climbed_value: the V(s, g) that the policy climbs [D43].
+        target_value: V_targ(s, g).
         aim: what V counts.
         states: s, scaled.
         goals: g, scaled.
@@ -83,9 +81,9 @@ def imagined_returns(
 
         way = rolled(models, act, state, latents)
         near = nearness(config, models, aim, way, goal)
-        climbed = aim.climbed(near, aim.read(climbed_value(way[-1], goal)))
-        counted = aim.counted(near, aim.read(target_value(way[-1], goal)))
-        return Imagined(climbed, way[:-1:stride], counted[::stride])
+        last = aim.read(target_value(way[-1], goal))
+        counted = aim.counted(near, last)[::stride]
+        return Imagined(aim.climbed(near, last), way[:-1:stride], counted)
 
     pairs, size = states.shape
     stride = config.value_stride or config.imagined_steps

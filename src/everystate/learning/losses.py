@@ -34,7 +34,6 @@ def gradients(
     starts: Float[Array, "batch s"],
     improvements: Sequence[Improvement],
     target_values: Sequence[Value],
-    climbed_values: Sequence[Value],
     aims: Sequence[Objective],
     *,
     key: PRNGKeyArray,
@@ -51,7 +50,6 @@ def gradients(
         starts: s_i, some replaced by the curriculum.
         improvements: a_best and v_targ for the first of the (s_i, g_i), or for all; by objective.
         target_values: V_targ(s, g), by objective.
-        climbed_values: those that the policies climb [D43].
         aims: the objectives.
         key: for the noise floors [D3], and for what is imagined [D25].
     """
@@ -75,7 +73,6 @@ def gradients(
                 models._replace(dynamics=imagines),
                 policy.central,
                 target_values[number],
-                climbed_values[number],
                 aim,
                 starts,
                 goals,

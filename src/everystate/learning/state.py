@@ -47,11 +47,6 @@ class AgentState(NamedTuple):
         )
 
     @property
-    def climbed_values(self) -> tuple[Value, ...]:
-        """V as the policies climb it: averaged, where weights are, for better slopes [D43]."""
-        return self.target_values if self.average is None else self.average.values
-
-    @property
     def kept(self) -> Models:
         """What makes the agent that is kept."""
         return self.average or self.models
