@@ -14,6 +14,7 @@ from everystate.learning.goals import imagined, least_likely
 from everystate.learning.objectives import objectives, pursued, worths
 from everystate.learning.planning import Planned, Planning
 from everystate.learning.planning import plan as search
+from everystate.learning.policy import central
 
 _BATCH = 64  # of searches, whose imagined outcomes must fit into memory
 
@@ -23,12 +24,7 @@ def act(
     config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
 ) -> Float[Array, "n a"]:
     """The most central actions (z = 0) of the policies by which the goals are pursued."""
-
-    def central(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
-        every = jnp.stack([policy.central(state, goal) for policy in models.policies])
-        return jnp.clip(every[pursued(config, models, state, goal)], -1, 1)
-
-    return jax.vmap(central)(states, goals)
+    return jax.vmap(lambda state, goal: central(config, models, state, goal))(states, goals)
 
 
 @eqx.filter_jit

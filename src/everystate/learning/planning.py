@@ -12,7 +12,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.learning.models import Models
 from everystate.learning.objectives import objectives, pursued
-from everystate.learning.policy import score
+from everystate.learning.policy import central, score
 from everystate.learning.ways import nearness, rolled
 
 _SURE = 2.0
@@ -75,13 +75,12 @@ def plan(
     """
     aims, by = objectives(config), pursued(config, models, state, goal)
 
-    def central(s: Float[Array, " s"]) -> Float[Array, " a"]:
-        every = jnp.stack([policy.central(s, goal) for policy in models.policies])
-        return jnp.clip(every[pursued(config, models, s, goal)], -1, 1)
+    def own(s: Float[Array, " s"]) -> Float[Array, " a"]:
+        return central(config, models, s, goal)
 
     def way(corrections: Float[Array, "horizon a"], noise: Float[Array, "horizon s"]) -> Array:
         def act(step: Int[Array, ""], s: Array) -> Float[Array, " a"]:
-            return jnp.clip(central(s) + corrections[step], -1, 1)
+            return jnp.clip(own(s) + corrections[step], -1, 1)
 
         return rolled(models, act, state, noise)
 
@@ -107,15 +106,15 @@ def plan(
     shape = planning.horizon, state.size
     tried = jax.random.normal(key_tried, (planning.rollouts, *shape))
     checked = jax.random.normal(key_checked, (planning.checks, *shape))
-    none = jnp.zeros((planning.horizon, *central(state).shape))
+    none = jnp.zeros((planning.horizon, *own(state).shape))
     ascent = optax.adam(planning.step)
     (corrections, _), _ = jax.lax.scan(found, (none, ascent.init(none)), length=planning.rounds)
 
-    own, other = (jax.vmap(lambda z, c=c: returned(c, z))(checked) for c in (none, corrections))
-    gain = other - own
+    alone, other = (jax.vmap(lambda z, c=c: returned(c, z))(checked) for c in (none, corrections))
+    gain = other - alone
     sure = gain.mean() > _SURE * gain.std() / jnp.sqrt(planning.checks - 1.0)
-    corrected = sure & (score(config, other) >= score(config, own))
+    corrected = sure & (score(config, other) >= score(config, alone))
     taken = jnp.where(corrected, corrections, 0)
     states = way(taken, jnp.zeros(shape))[:-1]
-    actions = jnp.clip(jax.vmap(central)(states) + taken, -1, 1)
+    actions = jnp.clip(jax.vmap(own)(states) + taken, -1, 1)
     return Planned(actions, corrected, gain.mean())

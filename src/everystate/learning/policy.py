@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Key, PRNGKeyArray
 from everystate.config import Config
 from everystate.learning.flows import Centred, Conditional, decode
 from everystate.learning.networks import GoalInputs, with_goal
-from everystate.learning.objectives import Objective
+from everystate.learning.objectives import Objective, pursued
 from everystate.learning.rewards import placing
 from everystate.learning.search import best_worst_case, blocked
 from everystate.learning.sharding import on_each_device
@@ -45,6 +45,21 @@ class Policy(eqx.Module):
     def fitted(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> AbstractTransformed:
         """The distribution of actions, as a likelihood may change it."""
         return self.flow.fitted(with_goal(state, goal, self.inputs))
+
+
+def central(
+    config: Config, models: Any, state: Float[Array, " s"], goal: Float[Array, " s"]
+) -> Float[Array, " a"]:
+    """What an agent does: the most central action of the policy by which the goal is pursued.
+
+    Args:
+        config: hyper-parameters.
+        models: as in `pursued`, and their `policies`.
+        state: s, scaled.
+        goal: g, scaled.
+    """
+    every = jnp.stack([policy.central(state, goal) for policy in models.policies])
+    return jnp.clip(every[pursued(config, models, state, goal)], -1, 1)
 
 
 class Improvement(NamedTuple):
