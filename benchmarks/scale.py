@@ -20,7 +20,6 @@ from ray import cloudpickle
 
 from everystate import preset
 from everystate.agent import keep_compiled_programs
-from everystate.algorithm import actor_of
 from everystate.config import Config
 from everystate.scaling import on_ray
 from everystate.training.bodies import make_bodies
@@ -81,7 +80,7 @@ def overhead(rounds: int) -> dict[str, Any]:
         here, there = Collecting(config_of(FAST, 0)), Collecting(config_of(FAST, 1), crew)
         pairs = [(here.epoch(), there.epoch()) for _ in range(5 * rounds)]
     transitions = BODIES * here.config.steps_per_epoch
-    agent, collected = jax.device_get((actor_of(here.snapshot.agent), here.collected))
+    agent, collected = jax.device_get((here.snapshot.agent.actor, here.collected))
     drawn = jax.device_get(here.learner.draw(here.snapshot.agent))
     return {
         "epoch_here_ms": round(1000 * statistics.median(one for one, _ in pairs), 1),

@@ -25,9 +25,10 @@ import matplotlib.pyplot as plt
 
 from everystate import preset
 from everystate.agent import keep_compiled_programs
-from everystate.algorithm import AgentState, Scale, actor_of
 from everystate.learning import weights as w
+from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
+from everystate.learning.state import AgentState
 from everystate.training.learner import begin, compiled
 
 PER_CALL = 5
@@ -100,7 +101,7 @@ class Subject:
         # An epoch of control steps, with what is drawn for all of them at once.
         draws, episodes = jax.device_get(self.learner.draw(state)), state.episodes
         for step in range(STEPS):
-            now, actor = jax.tree.map(itemgetter(step), draws), actor_of(state)
+            now, actor = jax.tree.map(itemgetter(step), draws), state.actor
             episodes, actions = self.learner.act(actor, episodes, now, self.observations)
             actions.block_until_ready()
         taken["epoch_ms"].append(1000 * (observed - started))

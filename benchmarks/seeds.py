@@ -21,8 +21,8 @@ from updates import seconds, trained
 
 from everystate import algorithm, preset
 from everystate.agent import keep_compiled_programs
-from everystate.algorithm import AgentState
 from everystate.config import Config
+from everystate.learning.state import AgentState
 from everystate.training.learner import jit
 
 SEEDS = (1, 2, 4, 8)

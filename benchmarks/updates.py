@@ -24,7 +24,6 @@ from _arithmetic import update_flops
 
 from everystate import preset
 from everystate.agent import keep_compiled_programs
-from everystate.algorithm import AgentState
 from everystate.config import Config
 from everystate.learning import replay as rb
 from everystate.learning.flows import decode
@@ -32,6 +31,7 @@ from everystate.learning.losses import gradients
 from everystate.learning.models import step
 from everystate.learning.objectives import objectives
 from everystate.learning.policy import Improvement, improve
+from everystate.learning.state import AgentState
 from everystate.learning.value import lowest
 from everystate.training.bodies import make_bodies
 from everystate.training.collection import collect, to_device, warm_up

@@ -27,10 +27,10 @@ from everystate.agent import (
 )
 from everystate.agent import agent as agent_module
 from everystate.agent.formats import STEEP, brought_up
-from everystate.algorithm import Scale
 from everystate.config import FlowFamily
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
+from everystate.learning.models import Scale
 from everystate.learning.planning import Planning
 from everystate.learning.replay import Transitions
 from everystate.presets import PRESETS, preset

@@ -12,6 +12,7 @@ import pytest
 
 from everystate import algorithm
 from everystate.config import FlowFamily
+from everystate.learning.draws import draw
 from everystate.learning.episodes import WANDER
 from everystate.learning.goals import choose_goals
 from everystate.learning.keys import named
@@ -40,7 +41,7 @@ def start(config):
 
 def act_at(config, state, draws, step, episodes, observations):
     now = jax.tree.map(lambda x: x[step], draws)
-    actor = algorithm.actor_of(state)
+    actor = state.actor
     return eqx.filter_jit(algorithm.act)(config, actor, episodes, now, observations)
 
 
@@ -61,7 +62,7 @@ def leaves(state):
 def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
     config = preset("test", flow=flow)
     state = start(config)
-    draws = eqx.filter_jit(algorithm.draw)(config, state)
+    draws = eqx.filter_jit(draw)(config, state)
     episodes, actions = act_at(config, state, draws, 0, state.episodes, jnp.zeros((10, 2)))
     after = state._replace(episodes=episodes)
     after, metrics, _ = eqx.filter_jit(algorithm.update)(config, after)
@@ -78,7 +79,7 @@ def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
 def test_the_goals_of_an_epoch_are_those_chosen_step_by_step():
     config = preset("test", steps_per_epoch=4)
     state = start(config)._replace(epoch=jnp.int32(3))
-    draws = eqx.filter_jit(algorithm.draw)(config, state)
+    draws = eqx.filter_jit(draw)(config, state)
     assert draws.goals.shape == (4, 10, 2)
     choose = eqx.filter_jit(choose_goals)
     for i, goals in enumerate(draws.goals):
@@ -89,7 +90,7 @@ def test_the_goals_of_an_epoch_are_those_chosen_step_by_step():
 
 def test_an_oracles_goals_fill_the_box_of_all_states():
     config = preset("test", goals="uniform", m=1, steps_per_epoch=20)
-    goals = eqx.filter_jit(algorithm.draw)(config, start(config)).goals.reshape(-1, 2)
+    goals = eqx.filter_jit(draw)(config, start(config)).goals.reshape(-1, 2)
     assert np.abs(goals).max() <= np.sqrt(3)
     np.testing.assert_allclose(np.std(goals, axis=0), 1, atol=0.15)
     quarters = {tuple(np.sign(goal)) for goal in np.asarray(goals)}
@@ -146,7 +147,7 @@ def test_presets_of_the_paper_run(name):
 def test_who_wanders_keeps_to_random_actions_for_a_while_and_others_do_as_ever():
     config = preset("test", wander_share=0.5, wander_steps=2, steps_per_epoch=8)
     state, seen = start(config), jnp.zeros((10, 2))
-    draws = eqx.filter_jit(algorithm.draw)(config, state)
+    draws = eqx.filter_jit(draw)(config, state)
     taken, policys, wanders, episodes = [], [], [], state.episodes
     for step in range(8):
         _, policy = act_at(config, state, draws._replace(anywhere=None), step, episodes, seen)
@@ -216,7 +217,7 @@ def test_goals_pursued_are_learned_of_where_they_were_pursued():
 def test_some_bodies_act_by_the_centre_of_the_policy():
     config = preset("test", central_share=0.5, num_bodies=100, steps_per_epoch=3)
     config = dataclasses.replace(config, capacity=4_000)
-    latents = np.asarray(eqx.filter_jit(algorithm.draw)(config, start(config)).latents)
+    latents = np.asarray(eqx.filter_jit(draw)(config, start(config)).latents)
     central = (latents == 0).all(axis=-1)
     assert (central == central[0]).all()  # for the whole epoch
     assert 0.3 < central[0].mean() < 0.7

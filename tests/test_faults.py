@@ -11,9 +11,9 @@ import pytest
 
 import everystate
 from everystate import envs
-from everystate.algorithm import AgentState
 from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.learning.state import AgentState
 from everystate.presets import preset
 from everystate.training import faults, loop
 from everystate.training.collection import warm_up

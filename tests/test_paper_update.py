@@ -16,13 +16,13 @@ from flowjax.bijections import Chain, Invert, Scan
 
 import transliteration as paper
 from everystate import algorithm
-from everystate.algorithm import AgentState
 from everystate.config import Config
 from everystate.learning import guard, policy
 from everystate.learning import replay as rb
 from everystate.learning.keys import named
 from everystate.learning.models import Models, Scale, trainable
 from everystate.learning.replay import Transitions
+from everystate.learning.state import AgentState
 from everystate.presets import preset
 
 STATE, ACTION = 3, 2

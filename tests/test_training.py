@@ -25,8 +25,8 @@ import safetensors.numpy
 import everystate
 from everystate import envs
 from everystate.agent import named_arrays
-from everystate.algorithm import Draws
 from everystate.errors import EverystateError
+from everystate.learning.draws import Draws
 from everystate.learning.guard import Fault
 from everystate.presets import preset
 from everystate.training import checkpoint, loop, train

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from everystate import algorithm
-from everystate.algorithm import AgentState
 from everystate.learning.averages import averaged
 from everystate.learning.replay import Transitions
+from everystate.learning.state import AgentState
 from everystate.learning.units import grown, of_warm_up
 from everystate.presets import preset
 

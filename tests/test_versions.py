@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from everystate import envs
 from everystate.agent import load, named_arrays
-from everystate.algorithm import Scale
+from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
 from everystate.presets import preset
 from everystate.training.learner import begin, compiled

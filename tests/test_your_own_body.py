@@ -13,10 +13,10 @@ import pytest
 
 import everystate
 from everystate import cli, envs, evaluation
-from everystate.algorithm import Draws
 from everystate.envs import joints, mujoco_vector
 from everystate.envs.body import load_model
 from everystate.errors import EverystateError
+from everystate.learning.draws import Draws
 from everystate.presets import preset
 from everystate.training import bodies, loop
 from everystate.training.learner import Learner

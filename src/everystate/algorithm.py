@@ -1,11 +1,9 @@
 """Algorithm 1 (Zhang 2019, Appendix A): one function per paragraph of the paper's page.
 
-`init`, then for ever: `draw` what chance decides about an epoch of collection, `act` on every body
+`init`, then for ever: `draw` (`learning/draws.py`) an epoch's chance, `act` on every body
 at each of its steps, `observe` what came of it, `update` for an epoch of learning. States are
 scaled on the way in: below this file everything is in scaled units.
 """
-
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,47 +15,21 @@ from everystate.learning import episodes as ep
 from everystate.learning import guard
 from everystate.learning import replay as rb
 from everystate.learning.components import asked, unit
-from everystate.learning.draws import Draws, draw
+from everystate.learning.draws import Draws
 from everystate.learning.epoch import Metrics, repeated
 from everystate.learning.keys import named
 from everystate.learning.losses import gradients
 from everystate.learning.models import Models, Scale, new_models, step
-from everystate.learning.networks import Value
 from everystate.learning.objectives import objectives, worths
 from everystate.learning.pairs import paired
-from everystate.learning.policy import Policy, described, improve
+from everystate.learning.policy import described, improve
 from everystate.learning.practice import practise
 from everystate.learning.replay import Transitions
 from everystate.learning.rollouts import improve_by_rollouts
 from everystate.learning.sharding import joined, split
-from everystate.learning.state import AgentState
+from everystate.learning.state import Actor, AgentState
 from everystate.learning.units import grown
 from everystate.learning.value import lowest
-
-__all__ = [
-    "Actor",
-    "AgentState",
-    "Draws",
-    "Models",
-    "Scale",
-    "act",
-    "actor_of",
-    "draw",
-    "init",
-    "observe",
-    "update",
-    "update_once",
-]
-
-
-class Actor(NamedTuple):
-    """What acting needs of an agent, which is little: it goes to wherever the bodies are."""
-
-    policies: tuple[Policy, ...]
-    values: tuple[Value, ...]
-    scale: Scale
-    weights: Float[Array, " s"]
-    """Of the components of a state [D39]."""
 
 
 def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray) -> AgentState:
@@ -76,12 +48,6 @@ def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
     models = new_models(config, action_size, change_scale, key=named(key, "init"))
     begun = AgentState.begun(config, models, action_size, scale, key)
     return observe(config, begun, warmup)
-
-
-def actor_of(state: AgentState) -> Actor:
-    """The part that acts."""
-    models = state.models
-    return Actor(models.policies, models.values, state.scale, models.dynamics.weights)
 
 
 def act(

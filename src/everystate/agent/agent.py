@@ -18,10 +18,10 @@ from everystate.agent import compiled, files, sharing
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import ActWith, BodyInfo
 from everystate.agent.performance import Performance
-from everystate.algorithm import Models, Scale
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
 from everystate.learning.components import asked
+from everystate.learning.models import Models, Scale
 from everystate.learning.planning import Planned, Planning
 
 SHIPPED = Path(__file__).parents[1] / "agents"

@@ -9,9 +9,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from everystate.algorithm import AgentState, Scale, init
+from everystate.algorithm import init
 from everystate.config import Config
+from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
+from everystate.learning.state import AgentState
 
 
 @functools.lru_cache(maxsize=8)

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
-from everystate.algorithm import Models
 from everystate.config import Config
 from everystate.learning.goals import imagined, least_likely
+from everystate.learning.models import Models
 from everystate.learning.objectives import objectives, pursued, worths
 from everystate.learning.planning import Planned, Planning
 from everystate.learning.planning import plan as search

@@ -23,9 +23,9 @@ import safetensors.numpy
 
 from everystate.agent import formats, sharing
 from everystate.agent.arrays import named_arrays, skeleton, with_arrays
-from everystate.algorithm import Models, Scale
 from everystate.config import MODEL_COPY, Config
 from everystate.errors import EverystateError
+from everystate.learning.models import Models, Scale
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

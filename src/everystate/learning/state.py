@@ -4,13 +4,24 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.episodes import Episodes, no_episodes
 from everystate.learning.models import Models, Scale, new_optimisers
 from everystate.learning.networks import Value
+from everystate.learning.policy import Policy
 from everystate.learning.replay import Replay, empty
+
+
+class Actor(NamedTuple):
+    """What acting needs of an agent, which is little: it goes to wherever the bodies are."""
+
+    policies: tuple[Policy, ...]
+    values: tuple[Value, ...]
+    scale: Scale
+    weights: Float[Array, " s"]
+    """Of the components of a state [D39]."""
 
 
 class AgentState(NamedTuple):
@@ -45,6 +56,12 @@ class AgentState(NamedTuple):
             copies=zero,
             average=models if config.averaged else None,
         )
+
+    @property
+    def actor(self) -> Actor:
+        """The part that acts."""
+        models = self.models
+        return Actor(models.policies, models.values, self.scale, models.dynamics.weights)
 
     @property
     def kept(self) -> Models:

@@ -13,11 +13,12 @@ from jaxtyping import Float32
 from everystate import envs
 from everystate.agent import BodyInfo, with_model_copy
 from everystate.agent.files import BODY
-from everystate.algorithm import Actor, Draws
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
+from everystate.learning.draws import Draws
 from everystate.learning.episodes import Episodes
+from everystate.learning.state import Actor
 from everystate.training.learner import Learner
 
 EnvState = dict[str, np.ndarray]

@@ -20,9 +20,9 @@ import safetensors.numpy
 from jaxtyping import Bool, Float32
 
 from everystate.agent import Agent, files, named_arrays, own, skeleton, with_arrays
-from everystate.algorithm import AgentState
 from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.learning.state import AgentState
 
 KEPT = 2
 _STATE = "state.safetensors"

@@ -11,11 +11,12 @@ import numpy as np
 from jaxtyping import Float32
 
 from everystate.agent import own
-from everystate.algorithm import AgentState, Scale, actor_of
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
+from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
+from everystate.learning.state import AgentState
 from everystate.learning.units import of_warm_up
 from everystate.training import coverage, hosts
 from everystate.training.bodies import Steps
@@ -56,7 +57,7 @@ def collect(
     The snapshot stays as it is: an interrupted epoch can be forgotten.
     """
     agent = hosts.local(snapshot.agent)
-    actor, draws = actor_of(agent), learner.draw(agent)
+    actor, draws = agent.actor, learner.draw(agent)
     done = groups.collect(actor, agent.episodes, draws, snapshot.observations, snapshot.env)
     if done is None:
         return None

@@ -14,12 +14,13 @@ import jax
 import numpy as np
 from jaxtyping import Float32
 
-from everystate.algorithm import Actor, Draws
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv
 from everystate.errors import EverystateError
 from everystate.learning import episodes as ep
+from everystate.learning.draws import Draws
 from everystate.learning.episodes import Episodes
+from everystate.learning.state import Actor
 from everystate.training.bodies import Block, Bodies, EnvState, Steps, make_bodies, seed_of
 from everystate.training.learner import Learner
 

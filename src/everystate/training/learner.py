@@ -12,13 +12,16 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate import algorithm
 from everystate.agent import is_array, own, skeleton
-from everystate.algorithm import Actor, AgentState, Draws, Scale
 from everystate.config import Config
+from everystate.learning import draws as chance
+from everystate.learning.draws import Draws
 from everystate.learning.episodes import Episodes
 from everystate.learning.guard import Fault
 from everystate.learning.keys import named
+from everystate.learning.models import Scale
 from everystate.learning.replay import Transitions
 from everystate.learning.sharding import whole
+from everystate.learning.state import Actor, AgentState
 from everystate.training import hosts
 from everystate.training.programs import kept
 
@@ -52,7 +55,7 @@ def compiled(config: Config) -> Learner:
     """Compiles on first use; never again, because states keep their shapes and dtypes."""
 
     def drawn(state: AgentState) -> Draws:
-        return algorithm.draw(config, state)
+        return chance.draw(config, state)
 
     def acted(
         actor: Actor, episodes: Episodes, draws: Draws, observations: Float[Array, "bodies s"]

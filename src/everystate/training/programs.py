@@ -20,10 +20,11 @@ from jax import export
 import everystate
 from everystate.agent import config_to_json
 from everystate.agent.compile_cache import programs_folder
-from everystate.algorithm import Draws, Scale
 from everystate.config import Config
+from everystate.learning.draws import Draws
 from everystate.learning.episodes import Episodes
 from everystate.learning.guard import Batch, Fault
+from everystate.learning.models import Scale
 from everystate.learning.replay import Minibatch, Transitions
 
 _VERSIONS = ("jax", "jaxlib", "equinox", "flowjax", "optax", "numpy")
