@@ -65,7 +65,7 @@ _SMALL = {
 # For any body: nothing in it knows which.
 _ANY = _SMALL | {
     "units": "running",
-    "capacity": 300_000,
+    "capacity": 1_000_000,
     "m": 50,
     "rare_share": 0.5,
     "calm_share": 1 / 3,
