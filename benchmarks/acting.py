@@ -14,7 +14,7 @@ import numpy as np
 import everystate
 from everystate.envs import make
 
-AGENTS = ("ramp-pointmass", "cartpole")
+AGENTS = ("ramp-pointmass", "cartpole", "ant")
 
 
 def action_ms(agent: everystate.Agent, state: np.ndarray, *, plan: bool, seed: int) -> float:
