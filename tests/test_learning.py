@@ -44,7 +44,7 @@ def test_a_chain_is_learned_to_its_known_step_counts(run: Path, as_users: dict[s
         depth=2,
         state_layers=3,
         curriculum_layers=3,
-        capacity=20_000,
+        capacity=80_000,
         num_updates=40,
     )
     agent = everystate.load(run)
