@@ -8,15 +8,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from everystate.evaluation import raw
+
 COMMITTED = Path(__file__).parents[1] / "results/benchmarks"
 _RATIOS = ("ratio_", "fraction_", "flatness_", "real_time")
 _TOLERANCE = 1.15
 
 
 def options(doc: str | None, **more: Any) -> argparse.ArgumentParser:
-    """`--json`, and an option for each default given."""
+    """`--json`, `--out`, and an option for each default given."""
     parser = argparse.ArgumentParser(description=str(doc).splitlines()[0])
     parser.add_argument("--json", action="store_true", help="one JSON object on the last line")
+    parser.add_argument("--out", type=Path, help="also write it there, as a raw result")
     for name, default in more.items():
         parser.add_argument(f"--{name}", type=type(default), default=default)
     return parser
@@ -27,8 +30,10 @@ def machine() -> str:
     return f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
 
 
-def show(result: dict[str, Any], *, as_json: bool) -> None:
-    """A line per figure, or one JSON object."""
+def show(result: dict[str, Any], *, as_json: bool, out: Path | None = None) -> None:
+    """A line per figure, or one JSON object; and a raw result, in the place of one before it."""
+    if out is not None:
+        raw.write(out, result, replace=True)
     if as_json:
         print(json.dumps(result))
     else:

@@ -1,4 +1,4 @@
-"""How long one action takes on one core: `python benchmarks/acting.py [--json] [--rounds N]`.
+"""How long one action takes on one core: `python benchmarks/acting.py [--json] [--out FILE] [--rounds N]`.
 
 The shipped agents, one state and one goal at a time, by the policy and with planning; medians over
 rounds that take turns, in milliseconds, beside the body's control step: what is below is real time.
@@ -41,7 +41,7 @@ def main() -> None:
         policy, planning = (statistics.median(taken[5:]) for taken in times.values())
         step = 1000 * (env.control_step or float("nan"))
         result[name] = {"policy_ms": policy, "planning_ms": planning, "control_step_ms": step}
-    benchmark.show(result, as_json=options.json)
+    benchmark.show(result, as_json=options.json, out=options.out)
 
 
 if __name__ == "__main__":

@@ -107,7 +107,7 @@ def main() -> None:
         "device": jax.devices()[0].device_kind,
         "devices": {str(subject.devices): subject.figures() for subject in subjects},
     }
-    benchmark.show(result, as_json=options.json)
+    benchmark.show(result, as_json=options.json, out=options.out)
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ def main() -> None:
         **profile(options.body),
         "machine": benchmark.machine(),
     }
-    benchmark.show(result, as_json=options.json)
+    benchmark.show(result, as_json=options.json, out=options.out)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def main() -> None:
         "frames_per_second": {name: frames_per_second(name, options.frames) for name in BODIES},
         "machine": benchmark.machine(),
     }
-    benchmark.show(result, as_json=options.json)
+    benchmark.show(result, as_json=options.json, out=options.out)
 
 
 if __name__ == "__main__":

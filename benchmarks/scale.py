@@ -119,7 +119,7 @@ def main() -> None:
     result["ratio_waiting_to_linear"] = round(
         slow[str(most)] / slow[str(least)] / (most / least), 3
     )
-    benchmark.show(result, as_json=options.json)
+    benchmark.show(result, as_json=options.json, out=options.out)
 
 
 if __name__ == "__main__":

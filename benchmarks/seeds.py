@@ -99,7 +99,7 @@ def main() -> None:
         "ms_per_update_and_seed": {n: round(1000 * x / UPDATES, 2) for n, x in each.items()},
         "ratio_to_one_by_one": {n: round(each["1"] / x, 3) for n, x in each.items()},
     }
-    benchmark.show(result, as_json=options.json)
+    benchmark.show(result, as_json=options.json, out=options.out)
 
 
 if __name__ == "__main__":

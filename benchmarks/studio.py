@@ -59,7 +59,7 @@ def main() -> None:
             name = everystate.load(run).config.body
             result[name] = lived(browser, run, options.seconds)
         browser.close()
-    benchmark.show(result, as_json=options.json)
+    benchmark.show(result, as_json=options.json, out=options.out)
 
 
 if __name__ == "__main__":
