@@ -1,4 +1,4 @@
-"""How long one action takes on one core: `python benchmarks/acting.py [--json] [--out FILE] [--rounds N]`.
+"""How long one action takes on one core: `python benchmarks/acting.py [--out FILE] [--rounds N]`.
 
 The shipped agents, one state and one goal at a time, by the policy and with planning; medians over
 rounds that take turns, in milliseconds, beside the body's control step: what is below is real time.
