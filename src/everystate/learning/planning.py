@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
@@ -100,7 +101,7 @@ def plan(
         gradient = slope(corrections)
         gradient /= optax.tree.norm(gradient) + 1e-8
         change, optimiser = ascent.update(gradient, optimiser)
-        return (jnp.clip(corrections + change, -2, 2), optimiser), None
+        return (jnp.clip(eqx.apply_updates(corrections, change), -2, 2), optimiser), None
 
     key_tried, key_checked = jax.random.split(key)
     shape = planning.horizon, state.size
