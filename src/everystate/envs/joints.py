@@ -17,8 +17,6 @@ from everystate.envs.layout import Component, Layout
 from everystate.envs.sensors import KINDS, sensed
 from everystate.errors import EverystateError
 
-CONTROL_STEP = 0.04  # seconds, about, of an MJCF file that is given without a frame_skip
-
 
 @dataclass(frozen=True)
 class JointBody(Body):
@@ -34,7 +32,7 @@ class JointBody(Body):
 
     xml: Path
     frame_skip: int = 0
-    """Physics steps per control step; 0 makes control steps of about 40 ms."""
+    """Physics steps per control step; 0 makes control steps of about `pace`."""
     travel: bool = False
     """Observe x and y of free joints, in metres from the origin."""
     sensors: bool = False
@@ -44,12 +42,14 @@ class JointBody(Body):
     source = "your own file"
     nominal: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Centre and spread of components by the pattern of their names, where one knows better."""
+    pace: ClassVar[float] = 0.04
+    """Seconds, about, of a control step where no `frame_skip` is given."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.frame_skip <= 1000:
             raise EverystateError(f"frame_skip is {self.frame_skip}: choose 1 to 1000")
         if self.frame_skip == 0:
-            skip = max(1, round(CONTROL_STEP / self.model.opt.timestep))
+            skip = max(1, round(self.pace / self.model.opt.timestep))
             object.__setattr__(self, "frame_skip", skip)
         if not self.name:
             object.__setattr__(self, "name", str(self.xml))
