@@ -4,10 +4,12 @@ The models here are small ones of our own in the places of the real ones; tests 
 the end, take those that are installed.
 """
 
+import re
 import shutil
 from pathlib import Path
 
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
@@ -147,6 +149,84 @@ def test_options_of_joint_bodies_are_a_robots_too(menagerie: Path) -> None:
     assert env.control_step == pytest.approx(0.01)
     with pytest.raises(EverystateError, match="no option 'frameskip': did you mean 'frame_skip'"):
         envs.make("robot:go2", 1, 0, frameskip=5)
+
+
+def test_a_stronger_servo_has_the_same_targets(menagerie: Path) -> None:
+    def forces(off: float, **options: float) -> np.ndarray:
+        env = envs.make("robot:go2", 1, 0, **options)
+        assert isinstance(env, envs.MujocoVectorEnv)
+        data = mujoco.MjData(env.model)
+        data.qpos[7:] = [0.4, -0.8, 0.4, -0.8]
+        data.ctrl[:] = data.qpos[7:] + off
+        mujoco.mj_forward(env.model, data)
+        return data.qfrc_actuator[6:].copy()
+
+    np.testing.assert_allclose(forces(0.1, force=1.5), 1.5 * forces(0.1))
+    np.testing.assert_allclose(forces(0.1), 3.0)
+    np.testing.assert_allclose(forces(0.0, force=1.5), 0.0, atol=1e-12)
+    np.testing.assert_allclose(forces(2.0, force=1.5)[::2], 1.5 * 20.0)  # the most that it gives
+
+
+def test_control_by_torque_and_back(menagerie: Path, tmp_path: Path) -> None:
+    by_torque = envs.make("robot:go2", 1, 0, control="torque")
+    assert isinstance(by_torque, envs.MujocoVectorEnv)
+    np.testing.assert_allclose(by_torque.action_bounds, [[-20.0] * 4, [20.0] * 4])
+    data = mujoco.MjData(by_torque.model)
+    data.ctrl[:] = [5.0, 0.0, 0.0, -3.0]
+    mujoco.mj_forward(by_torque.model, data)
+    np.testing.assert_allclose(data.qfrc_actuator[6:], [5.0, 0.0, 0.0, -3.0])
+
+    motors = re.sub(
+        r'<position (name="\w+" joint="\w+").*?/>',
+        r'<motor \1 gear="2" ctrlrange="-10 10"/>',
+        QUADRUPED,
+    )
+    assert motors.count("<motor") == 4
+    (tmp_path / "motors.xml").write_text(motors)
+    by_position = envs.make(str(tmp_path / "motors.xml"), 1, 0, control="position")
+    assert isinstance(by_position, envs.MujocoVectorEnv)
+    np.testing.assert_allclose(
+        by_position.action_bounds, [[-1, -2, -1, -2], [1.5, -0.5, 1.5, -0.5]]
+    )
+    data = mujoco.MjData(by_position.model)
+    data.qpos[7:], data.ctrl[:] = [0.4, -0.8, 0.4, -0.8], [0.9, -0.8, 0.4, -2.0]
+    mujoco.mj_forward(
+        by_position.model, data
+    )  # half a radian off asks for half, and no more than all
+    np.testing.assert_allclose(data.qfrc_actuator[6:], [10.0, 0.0, 0.0, -20.0], atol=1e-9)
+
+
+def test_control_that_cannot_be_is_refused(menagerie: Path, tmp_path: Path) -> None:
+    with pytest.raises(EverystateError, match="control is 'speed': choose torque or position"):
+        envs.make("robot:go2", 1, 0, control="speed")
+    (tmp_path / "weak.xml").write_text(QUADRUPED.replace('forcerange="-20 20"', ""))
+    with pytest.raises(
+        EverystateError, match=r"'front_hip' cannot be driven by torque.*forcerange"
+    ):
+        envs.make(str(tmp_path / "weak.xml"), 1, 0, control="torque")
+
+
+def test_pushes_bring_the_whole_body_to_their_speed(menagerie: Path) -> None:
+    env = envs.make("robot:go2", 1, 0, push=2.0)
+    assert isinstance(env, envs.MujocoVectorEnv)
+    forces = env.disturbance.pushes(env.model, 4000, 0.02, np.random.default_rng(0))
+    sizes = np.linalg.norm(forces, axis=(1, 2))
+    assert np.mean(sizes > 0) == pytest.approx(0.02, abs=0.005)  # 1 Hz
+    speeds = sizes[sizes > 0] * 0.02 / env.model.body_mass.sum()
+    np.testing.assert_allclose(speeds, 2.0)
+    level = forces.sum(axis=(0, 1)) / sizes.sum()
+    np.testing.assert_allclose(level, 0.0, atol=0.3)  # from all sides
+
+    def moved(push: float) -> float:
+        """How fast the trunk ever was along the floor in 3 s."""
+        many = envs.make("robot:go2", 20, 0, push=push)
+        column = many.state_names.index("trunk_vy")
+        many.reset(seed=0)
+        return max(np.abs(many.step(np.zeros((20, 4)))[0][:, column]).max() for _ in range(150))
+
+    assert moved(0.0) + 0.5 < moved(2.0)
+    with pytest.raises(EverystateError, match="cannot be pushed"):
+        envs.make("gymnasium:InvertedPendulum-v5", 1, 0, push=1.0)
 
 
 def test_a_copy_needs_neither_checkout_nor_package(menagerie: Path, tmp_path: Path) -> None:

@@ -44,6 +44,10 @@ class Body(ABC):
     ghost_scale: float = 1.0
     """A goal's ghost is drawn this much larger, to be seen around a body that has reached it."""
 
+    def load(self) -> mujoco.MjModel:
+        """The compiled model, a new one each time."""
+        return load_model(self.xml)
+
     @abstractmethod
     def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:
         """Observations to start from."""

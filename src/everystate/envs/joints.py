@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from mujoco import mjtJoint
 
-from everystate.envs.body import Body, load_model
+from everystate.envs.body import Body
+from everystate.envs.control import drive_by
 from everystate.envs.layout import Component, Layout
 from everystate.envs.sensors import KINDS, sensed
 from everystate.errors import EverystateError
@@ -37,6 +38,8 @@ class JointBody(Body):
     """Observe x and y of free joints, in metres from the origin."""
     sensors: bool = False
     """Observe the file's sensors too, of the kinds in `sensors.KINDS`."""
+    control: str = ""
+    """torque: actions are torques; position: targets of the joints; by default as in the file."""
 
     name = ""  # if it has none of its own, the path of the file as it was given
     source = "your own file"
@@ -59,10 +62,17 @@ class JointBody(Body):
                 f" one of these kinds: {', '.join(KINDS)}"
             )
 
+    def load(self) -> mujoco.MjModel:
+        """The model in the file, its motors driven as `control` says."""
+        model = super().load()
+        if self.control:
+            drive_by(model, self.control)
+        return model
+
     @functools.cached_property
     def model(self) -> mujoco.MjModel:
-        """The model in the file."""
-        return load_model(self.xml)
+        """What `load` gives."""
+        return self.load()
 
     @functools.cached_property
     def layout(self) -> Layout:

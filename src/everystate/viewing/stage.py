@@ -8,7 +8,7 @@ import viser
 from jaxtyping import Float
 from mujoco import mjtGeom
 
-from everystate.envs.body import Body, load_model
+from everystate.envs.body import Body
 from everystate.envs.rendering import GHOST, overview
 from everystate.viewing.shapes import shell, solid
 
@@ -26,7 +26,7 @@ class Stage:
 
     def __init__(self, server: viser.ViserServer, body: Body, pull: Pull) -> None:
         """Puts a body and what surrounds it on the page; `pull` is told of drags at it."""
-        self.body, self.model, self._server = body, load_model(body.xml), server
+        self.body, self.model, self._server = body, body.load(), server
         self._data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self._data)
         self._bodies, self._ghosts, self._moving = {}, {}, {}
