@@ -120,6 +120,15 @@ def test_every_robot_is_listed_with_its_licence_and_place(
     assert f"pip install --no-deps {envs.ROBOTS['g1'].package}" in said
 
 
+def test_the_page_names_every_robot_with_its_licence() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "robots.md").read_text()
+    rows = set(re.findall(r"^\| `robot:.*\|$", page, re.M))
+    assert rows == {
+        f"| `robot:{name}` | {robot.title} | {robot.licence} | `{robot.package}` |"
+        for name, robot in envs.ROBOTS.items()
+    }
+
+
 def test_a_robot_is_a_body_that_starts_in_its_keyframe(menagerie: Path) -> None:
     env = envs.make("robot:go2", 3, 0)
     assert env.name == "robot:go2"
@@ -127,6 +136,7 @@ def test_a_robot_is_a_body_that_starts_in_its_keyframe(menagerie: Path) -> None:
     assert env.control_step == pytest.approx(0.02)
     state = dict(zip(env.state_names, env.reset(seed=0)[0][0], strict=True))
     assert state["trunk_z"] == pytest.approx(0.37)
+    assert [state[f"trunk_up{axis}"] for axis in "xyz"] == [0.0, 0.0, 1.0]
     assert (state["front_hip"], state["hind_knee"]) == pytest.approx((0.4, -0.8))
     assert not [name for name in env.state_names if "sensor" in name]
     assert env.action_names == ("front_hip", "front_knee", "hind_hip", "hind_knee")

@@ -63,7 +63,7 @@ ROBOTS = {
 
 @dataclass(frozen=True)
 class RobotBody(JointBody):
-    """One of `ROBOTS`, with a control step of about 20 ms; see `JointBody`.
+    """One of `ROBOTS`: control steps of about 20 ms, and no heading observed; see `JointBody`.
 
     Raises:
         EverystateError: there is no such robot, or its model is not on this machine.
@@ -71,6 +71,7 @@ class RobotBody(JointBody):
 
     xml: Path = Path()
     """The model; by default where `find_robot` has it."""
+    heading: bool = False
     robot: str = ""
 
     pace = 0.02
