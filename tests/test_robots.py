@@ -4,6 +4,7 @@ The models here are small ones of our own in the places of the real ones; tests 
 the end, take those that are installed.
 """
 
+import functools
 import re
 import shutil
 from pathlib import Path
@@ -12,6 +13,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import everystate
 from everystate import cli, envs
@@ -19,6 +21,7 @@ from everystate.envs import robots
 from everystate.errors import EverystateError
 from everystate.learning.draws import Draws
 from everystate.training import loop
+from everystate.viewing.push import pulled
 from test_training import CONFIG, idle
 
 LEG = """<body name="{0}" pos="{1} 0 0"><joint name="{0}_hip" axis="0 1 0" range="-1 1.5"
@@ -237,6 +240,19 @@ def test_pushes_bring_the_whole_body_to_their_speed(menagerie: Path) -> None:
     assert moved(0.0) + 0.5 < moved(2.0)
     with pytest.raises(EverystateError, match="cannot be pushed"):
         envs.make("gymnasium:InvertedPendulum-v5", 1, 0, push=1.0)
+
+
+def test_a_pull_is_the_same_whichever_way_it_faces(menagerie: Path) -> None:
+    env = envs.make("robot:go2", 1, 0)
+    assert isinstance(env, envs.MujocoVectorEnv)
+    state = env.reset(seed=0)[0][0]
+    part = env.model.body("front_shin").id
+    start, end = np.array([0.3, 0.0, 0.1]), np.array([0.5, 0.4, 0.2])
+    pull = functools.partial(pulled, env.model, env.body, state, part)
+    turned = Rotation.from_rotvec([0.0, 0.0, 2.0])
+    found = pull(turned.apply(start), turned.apply(end), 2.0)
+    np.testing.assert_allclose(found, pull(start, end), atol=1e-6)
+    assert np.abs(found - state).max() > 0.1
 
 
 def test_a_copy_needs_neither_checkout_nor_package(menagerie: Path, tmp_path: Path) -> None:
