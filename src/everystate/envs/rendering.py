@@ -181,7 +181,7 @@ def _add_trail(
     scene: mujoco.MjvScene,
 ) -> None:
     """Dots on the floor, where each of what travels unseen has been."""
-    size, flat = np.array([0.03, 0.002, 0.0]), np.eye(3).ravel()  # radius, half the height
+    size, flat = np.array([0.05, 0.002, 0.0]), np.eye(3).ravel()  # radius, half the height
     color = np.array(_TRAIL, dtype=np.float32)
     for x, at in zip(body.unseen, range(0, carried.shape[1], 3), strict=True):
         for place in (model.qpos0[x : x + 2] + carried[:, at : at + 2])[::_DOTS][-_MOST_DOTS:]:
