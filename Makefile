@@ -1,6 +1,6 @@
 # Everything a developer types. `make` alone explains itself.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test coverage test-slow test-browser test-newest peers test-peers scale test-scale check tables bench docs clean
+.PHONY: help setup demo test coverage test-slow test-browser test-newest peers test-peers scale test-scale robots test-robots check tables bench docs clean
 
 # The first Python 3.11, which the pins are tested on, with its venv module; another: `make PYTHON=...`.
 PYTHON ?= $(shell for p in python3.11 python3 python; do \
@@ -16,6 +16,7 @@ NEWEST ?= $(shell for p in $$(ls -rdv ~/.pyenv/versions/3.1[2-9].*/bin/python 2>
 NEWEST_BIN := .venv-newest/bin
 PEERS_STAMP := .venv/.installed-peers
 SCALE_STAMP := .venv/.installed-scale
+ROBOTS_STAMP := .venv/.installed-robots
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 DEMO_ARGS ?=
@@ -46,7 +47,7 @@ coverage: setup  ## run the fast tests and write which share of src/ they reach
 	$(BIN)/python tests/covered.py $(PYTEST_ARGS) $(TESTS)
 
 test-slow: setup  ## run the tests that take more than seconds
-	$(BIN)/python -m pytest -m "slow and not browser and not peers and not scale" $(PYTEST_ARGS) $(TESTS)
+	$(BIN)/python -m pytest -m "slow and not browser and not peers and not scale and not robots" $(PYTEST_ARGS) $(TESTS)
 
 test-browser: setup  ## run the tests of the studio that need Chromium (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest -m browser $(TESTS)
@@ -83,6 +84,15 @@ $(SCALE_STAMP): requirements-scale.txt $(STAMP)
 
 test-scale: scale  ## run the tests of studies and collectors on Ray
 	$(BIN)/python -m pytest -m scale $(TESTS)
+
+robots: $(ROBOTS_STAMP)  ## install the models of robots by name (640 MB), without what their packages need
+
+$(ROBOTS_STAMP): requirements-robots.txt $(STAMP)
+	@$(PIP) --no-deps -r requirements-robots.txt
+	@touch $@
+
+test-robots: robots  ## run the tests of those robots
+	$(BIN)/python -m pytest -m robots $(TESTS)
 
 check: export PYRIGHT_PYTHON_GLOBAL_NODE = 0
 check: export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1

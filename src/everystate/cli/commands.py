@@ -260,15 +260,18 @@ def export(argv: list[str]) -> None:
     print(agent.load(options.run).export(options.out, half=options.half))
 
 
+_ROBOTS = """\
+Robots by name, from a folder that MENAGERIE_ROOT names (a checkout of MuJoCo Menagerie) or from an
+installed package:"""
 _OTHERS = """\
 Also the path of any MJCF file, NAME.xml, and MODULE:ID for what a module registers with
 Gymnasium: gymnasium:Pendulum-v1. `everystate bodies NAME` describes it. With a run on an
-MJCF file, and with its agent, travel a copy of it and of all files that it names (meshes,
-textures, includes), and a hash of the model that it compiles to."""
+MJCF file or a robot, and with its agent, travel a copy of it and of all files that it names
+(meshes, textures, includes), and a hash of the model that it compiles to."""
 
 
 def bodies(argv: list[str]) -> None:
-    """List the bodies: those built in, or the ones named."""
+    """List the bodies, those built in and robots by name, or describe the ones named."""
     options = parse(Bodies, "bodies", argv)
     from everystate import envs
 
@@ -277,7 +280,7 @@ def bodies(argv: list[str]) -> None:
         env = envs.make(name, 1, 0, **how)
         print(envs.describe(env) if options.body else envs.headline(env), end="\n\n")
     if not options.body:
-        print(_OTHERS)
+        print(f"{_ROBOTS}\n\n{envs.list_robots()}\n\n{_OTHERS}")
 
 
 def skills(argv: list[str]) -> None:

@@ -220,10 +220,10 @@ class Export:
 
 @dataclasses.dataclass(frozen=True)
 class Bodies:
-    """Lists the bodies that are built in, or describes the states and actions of those named."""
+    """Lists the bodies that are built in and robots by name, or describes those named."""
 
     body: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Bodies to describe: names, paths of MJCF files, or MODULE:ID."""
+    """Bodies to describe: names, robot:NAME, paths of MJCF files, or MODULE:ID."""
     body_options: tuple[str, ...] = ()
     """Their options, each as name=value: travel=true, sensors=true."""
 

@@ -21,11 +21,13 @@ from everystate.envs.joints import JointBody
 from everystate.envs.model_copy import copied_model, copy_model
 from everystate.envs.mujoco_vector import MujocoVectorEnv
 from everystate.envs.ramp_pointmass import RampPointmass
+from everystate.envs.robots import PREFIX, ROBOTS, RobotBody, list_robots
 from everystate.envs.vector import BodyVectorEnv, Physics, random_play
 from everystate.errors import EverystateError, suggest
 
 __all__ = [
     "BODIES",
+    "ROBOTS",
     "Ant",
     "Body",
     "BodyVectorEnv",
@@ -40,6 +42,7 @@ __all__ = [
     "copy_model",
     "describe",
     "headline",
+    "list_robots",
     "make",
     "own_model",
     "parse_options",
@@ -61,9 +64,10 @@ def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> B
     """Builds many copies of a body.
 
     Args:
-        body: one of `BODIES`; the path of an MJCF file, NAME.xml; or `module:id`, where the id is
-            one that the module registers with Gymnasium, or the name of a `Body` class in it, or of
-            a function or class there that makes a Gymnasium environment.
+        body: one of `BODIES`; the path of an MJCF file, NAME.xml; `robot:NAME`, one of `ROBOTS`;
+            or `module:id`, where the id is one that the module registers with Gymnasium, or the
+            name of a `Body` class in it, or of a function or class there that makes a Gymnasium
+            environment.
         num_envs: how many.
         seed: of everything random in them; None makes a different run each time.
         **options: fields of the body's class or arguments of the Gymnasium environment; those of
@@ -78,6 +82,8 @@ def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> B
     kind: type[Body] | None = _BODIES.get(body)
     if kind is None and body.endswith(".xml"):
         kind, options = JointBody, {"xml": Path(body), **options}
+    elif kind is None and body.startswith(PREFIX):
+        kind, options = RobotBody, {**options, "robot": body.removeprefix(PREFIX)}
     elif kind is None and ":" in body:
         module, _, name = body.partition(":")
         found = getattr(import_module(module, body), name, None)
@@ -89,7 +95,7 @@ def make(body: str, num_envs: int, seed: int | None = None, **options: Any) -> B
     elif kind is None:
         raise EverystateError(
             f"unknown body {body!r}: {suggest(body, BODIES)}, the path of an MJCF file ending in"
-            " .xml, or gymnasium:ID"
+            " .xml, robot:NAME or gymnasium:ID"
         )
     if MODEL_COPY in options:
         options["xml"] = copied_model(Path(str(options.pop(MODEL_COPY))))
@@ -121,7 +127,7 @@ def body_of(factory: Callable[..., Any]) -> str:
 
 
 def own_model(env: BodyVectorEnv) -> Path | None:
-    """The model file of a body, if it is its user's own and no part of a package."""
+    """The model file of a body, if it is its user's own or a robot's, and no part of ours."""
     if not isinstance(env, MujocoVectorEnv) or type(env.body) in _BODIES.values():
         return None
     has_option = any(f.name == "xml" for f in dataclasses.fields(env.body))  # pyright: ignore
@@ -137,7 +143,7 @@ def describe(env: BodyVectorEnv) -> str:
 def versions(body: str) -> dict[str, str]:
     """Of the packages that a body comes from."""
     found = {"mujoco": version("mujoco")}
-    if ":" in body:
+    if ":" in body and not body.startswith(PREFIX):
         module = body.partition(":")[0].partition(".")[0]
         for name in ("gymnasium", *packages_distributions().get(module, ())):
             try:

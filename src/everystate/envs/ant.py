@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from everystate.envs.joints import JointBody
+from everystate.errors import EverystateError
 
 _XML = Path(__file__).with_name("ant.xml")
 
@@ -34,6 +35,11 @@ class Ant(JointBody):
         "torso_w?": (0.0, 2.0),
         "*_velocity": (0.0, 3.5),
     }
+
+    def __post_init__(self) -> None:
+        if not self.heading:
+            raise EverystateError("the ant observes which way it faces: leave out heading=false")
+        super().__post_init__()
 
     def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:
         """Standing level, facing anywhere."""

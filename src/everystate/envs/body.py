@@ -44,6 +44,10 @@ class Body(ABC):
     ghost_scale: float = 1.0
     """A goal's ghost is drawn this much larger, to be seen around a body that has reached it."""
 
+    def load(self) -> mujoco.MjModel:
+        """The compiled model, a new one each time."""
+        return load_model(self.xml)
+
     @abstractmethod
     def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:
         """Observations to start from."""
@@ -61,10 +65,20 @@ class Body(ABC):
         """A full physics state (qpos, qvel) that is observed as given; also draws goals."""
 
     def carried(
-        self, observations: Float[np.ndarray, "steps state"]
-    ) -> Float[np.ndarray, "steps nq"]:
-        """How far `place` is off in qpos, by what it cannot see, after each step of a path."""
-        return np.zeros_like(self.place(np.asarray(observations, dtype=np.float64))[0])
+        self, observations: Float[np.ndarray, "steps state"], heading: float = 0.0
+    ) -> Float[np.ndarray, "steps gone"]:
+        """Where a path has led what is `unseen`, by which `place` is off: x, y and heading of each.
+
+        In metres and radians from its first state on, in which it faced `heading`; the heading is 0
+        throughout where it is observed.
+        """
+        return np.zeros((len(observations), 0))
+
+    def moved(
+        self, qpos: Float[np.ndarray, "n nq"], gone: Float[np.ndarray, "n gone"]
+    ) -> Float[np.ndarray, "n nq"]:
+        """Poses of `place`, put to where `carried` says."""
+        return qpos
 
     def drive(
         self, actions: Float[np.ndarray, "envs action"], rng: np.random.Generator

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
+from jaxtyping import Float
 
 from everystate.errors import EverystateError
 
@@ -23,11 +25,14 @@ class Disturbance:
     """Factor on all friction: of contacts, and in joints (MuJoCo models)."""
     force: float = 1.0
     """Factor on what the motors give (MuJoCo models)."""
+    push: float = 0.0
+    """Speed (m/s) that a push gives the body as a whole, about once a second, from a random side
+    (our MuJoCo bodies)."""
 
     def __post_init__(self) -> None:
         if not (isinstance(self.action_repeat, int) and 1 <= self.action_repeat <= 1000):
             raise EverystateError(f"action_repeat is {self.action_repeat!r}: choose 1 to 1000")
-        for name in ("action_noise", "sensor_noise"):
+        for name in ("action_noise", "sensor_noise", "push"):
             if not 0.0 <= getattr(self, name) <= 10.0:
                 raise EverystateError(f"{name} is {getattr(self, name)}: choose 0 to 10")
         for name in ("mass", "friction", "force"):
@@ -48,5 +53,25 @@ class Disturbance:
         model.geom_friction[:] *= self.friction
         model.pair_friction[:] *= self.friction
         model.dof_frictionloss[:] *= self.friction
-        model.actuator_gear[:] *= self.force
+        # A servo's gear is also the unit of its targets.
+        servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+        model.actuator_gear[~servo] *= self.force
+        for of_servo in (model.actuator_gainprm, model.actuator_biasprm):
+            of_servo[servo, :3] *= self.force
+        model.actuator_forcerange[servo] *= self.force
         mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def pushes(
+        self, model: mujoco.MjModel, num: int, seconds: float, rng: np.random.Generator
+    ) -> Float[np.ndarray, "n body 6"]:
+        """Forces on every part of so many bodies for a control step that takes `seconds`.
+
+        At the heaviest part that moves, level, at 1 Hz on average.
+        """
+        forces = np.zeros((num, model.nbody, 6))
+        moving = np.where(model.body_weldid > 0, model.body_mass, 0.0)
+        angle, pushed = rng.uniform(-np.pi, np.pi, num), rng.random(num) < seconds
+        size = pushed * self.push * moving.sum() / seconds
+        at = int(moving.argmax())
+        forces[:, at, 0], forces[:, at, 1] = size * np.cos(angle), size * np.sin(angle)
+        return forces

@@ -48,6 +48,8 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         if ends not in ("auto", "ignore", "restart"):
             raise EverystateError(f"ends is {ends!r}: choose auto, ignore or restart")
         disturbance = disturbance or Disturbance()
+        if disturbance.push:
+            raise EverystateError(f"{body} cannot be pushed: only bodies of our own kinds can")
         first = make_single(body, render_mode, **kwargs)
         self._flatten = Flattening(first.observation_space, body)
         self._scale = ActionScaling(first.action_space, body)

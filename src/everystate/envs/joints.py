@@ -12,12 +12,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from mujoco import mjtJoint
 
-from everystate.envs.body import Body, load_model
+from everystate.envs import rotations
+from everystate.envs.body import Body
+from everystate.envs.control import drive_by
 from everystate.envs.layout import Component, Layout
 from everystate.envs.sensors import KINDS, sensed
 from everystate.errors import EverystateError
 
-CONTROL_STEP = 0.04  # seconds, about, of an MJCF file that is given without a frame_skip
+_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -30,27 +32,40 @@ class JointBody(Body):
     the Continuity of Rotation Representations"). A free joint gives its height, and where it has
     got to only with `travel`: to a place without bounds nobody comes back. Velocities are
     MuJoCo's: a free joint's linear one is in the world's frame, its angular one in the body's.
+    Without `heading` it gives where up is to the body (3), and both velocities in the body's frame:
+    all of it is the same whichever way the body faces.
     """
 
     xml: Path
     frame_skip: int = 0
-    """Physics steps per control step; 0 makes control steps of about 40 ms."""
+    """Physics steps per control step; 0 makes control steps of about `pace`."""
     travel: bool = False
     """Observe x and y of free joints, in metres from the origin."""
     sensors: bool = False
     """Observe the file's sensors too, of the kinds in `sensors.KINDS`."""
+    heading: bool = True
+    """Observe which way free joints face; else only where up is, and velocities in their frame."""
+    control: str = ""
+    """torque: actions are torques; position: targets of the joints; by default as in the file."""
 
     name = ""  # if it has none of its own, the path of the file as it was given
     source = "your own file"
     nominal: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Centre and spread of components by the pattern of their names, where one knows better."""
+    pace: ClassVar[float] = 0.04
+    """Seconds, about, of a control step where no `frame_skip` is given."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.frame_skip <= 1000:
             raise EverystateError(f"frame_skip is {self.frame_skip}: choose 1 to 1000")
         if self.frame_skip == 0:
-            skip = max(1, round(CONTROL_STEP / self.model.opt.timestep))
+            skip = max(1, round(self.pace / self.model.opt.timestep))
             object.__setattr__(self, "frame_skip", skip)
+        if self.travel and not self.heading:
+            raise EverystateError(
+                f"{self.name or self.xml}: travel=true needs heading=true, for x and y are of the"
+                " world's frame"
+            )
         if not self.name:
             object.__setattr__(self, "name", str(self.xml))
         if self.sensors and not self.layout.sensed:
@@ -59,15 +74,22 @@ class JointBody(Body):
                 f" one of these kinds: {', '.join(KINDS)}"
             )
 
+    def load(self) -> mujoco.MjModel:
+        """The model in the file, its motors driven as `control` says."""
+        model = super().load()
+        if self.control:
+            drive_by(model, self.control)
+        return model
+
     @functools.cached_property
     def model(self) -> mujoco.MjModel:
-        """The model in the file."""
-        return load_model(self.xml)
+        """What `load` gives."""
+        return self.load()
 
     @functools.cached_property
     def layout(self) -> Layout:
         """How a state is read off the physics."""
-        return Layout.of(self.model, travel=self.travel, sensors=self.sensors)
+        return Layout.of(self.model, travel=self.travel, sensors=self.sensors, heading=self.heading)
 
     @functools.cached_property
     def state_names(self) -> tuple[str, ...]:
@@ -123,8 +145,12 @@ class JointBody(Body):
             state[:, turning[0]] = np.cos(angles)
             state[:, turning[0] + 1] = np.sin(angles)
         for columns, quaternion in self.layout.oriented:
-            state[:, columns] = _two_columns(qpos[:, quaternion])
-        state[:, self.layout.velocities] = qvel
+            state[:, columns] = rotations.two_columns(qpos[:, quaternion])
+        speeds = state[:, self.layout.velocities]
+        speeds[:] = qvel
+        for columns, quaternion, speed in self.layout.upright:
+            state[:, columns] = rotations.up(qpos[:, quaternion])
+            speeds[:, speed] = rotations.to_body(qpos[:, quaternion], qvel[:, speed])
         if at := self.layout.sensed:
             found = sensed(self.model, self._data, qpos, qvel)
             state[:, self.layout.velocities.stop :] = found[:, at]
@@ -141,8 +167,12 @@ class JointBody(Body):
             sines, cosines = observations[:, turning[0] + 1], observations[:, turning[0]]
             qpos[:, turning[1]] = np.arctan2(sines, cosines)
         for columns, quaternion in self.layout.oriented:
-            qpos[:, quaternion] = _quaternions(observations[:, columns])
-        return qpos, np.array(observations[:, self.layout.velocities])
+            qpos[:, quaternion] = rotations.of_columns(observations[:, columns])
+        qvel = np.array(observations[:, self.layout.velocities])
+        for columns, quaternion, speed in self.layout.upright:
+            qpos[:, quaternion] = rotations.of_up(observations[:, columns])
+            qvel[:, speed] = rotations.to_world(qpos[:, quaternion], qvel[:, speed])
+        return qpos, qvel
 
     @functools.cached_property
     def unseen(self) -> tuple[int, ...]:
@@ -151,17 +181,36 @@ class JointBody(Body):
         return () if self.travel else tuple(self.model.jnt_qposadr[free].tolist())
 
     def carried(
-        self, observations: Float[np.ndarray, "steps state"]
-    ) -> Float[np.ndarray, "steps nq"]:
-        """x and y of free joints, from their velocities: between steps about the mean of both."""
-        moved = np.zeros((len(observations), self.model.nq))
-        velocities = np.asarray(observations, dtype=np.float64)[:, self.layout.velocities]
-        means = (velocities[1:] + velocities[:-1]) / 2 * self.model.opt.timestep * self.frame_skip
-        for x in self.unseen:
+        self, observations: Float[np.ndarray, "steps state"], heading: float = 0.0
+    ) -> Float[np.ndarray, "steps gone"]:
+        """From the velocities: between steps about the mean of both."""
+        gone = np.zeros((len(observations), 3 * len(self.unseen)))
+        qpos, qvel = self.place(np.asarray(observations, dtype=np.float64))
+        seconds = self.model.opt.timestep * self.frame_skip
+        for x, at in zip(self.unseen, range(0, gone.shape[1], 3), strict=True):
             joint = int(np.flatnonzero(self.model.jnt_qposadr == x)[0])
             dof = int(self.model.jnt_dofadr[joint])
-            moved[1:, x : x + 2] = np.cumsum(means[:, dof : dof + 2], axis=0)
-        return moved
+            speeds = qvel[:, dof : dof + 3]
+            if not self.heading:
+                levels, spins = qpos[:, x + 3 : x + 7], qvel[:, dof + 3 : dof + 6]
+                gone[:, at + 2] = heading + rotations.headings(levels, spins, seconds)
+                turns = rotations.about_z(gone[:, at + 2], np.tile(_NO_TURN, (len(gone), 1)))
+                speeds = rotations.to_world(turns, speeds)
+            means = (speeds[1:, :2] + speeds[:-1, :2]) / 2 * seconds
+            gone[1:, at : at + 2] = np.cumsum(means, axis=0)
+        return gone
+
+    def moved(
+        self, qpos: Float[np.ndarray, "n nq"], gone: Float[np.ndarray, "n gone"]
+    ) -> Float[np.ndarray, "n nq"]:
+        """Each free joint by its x and y, and turned by its heading."""
+        qpos = np.array(qpos)
+        for x, at in zip(self.unseen, range(0, gone.shape[1], 3), strict=True):
+            qpos[:, x : x + 2] += gone[:, at : at + 2]
+            if not self.heading:
+                turned = rotations.about_z(gone[:, at + 2], qpos[:, x + 3 : x + 7])
+                qpos[:, x + 3 : x + 7] = turned
+        return qpos
 
     @functools.cached_property
     def _data(self) -> mujoco.MjData:
@@ -174,36 +223,3 @@ class JointBody(Body):
 
 def _transposed(pairs: list[tuple[int, int]]) -> Int[np.ndarray, "2 n"]:
     return np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-
-
-def _two_columns(quaternions: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 6"]:
-    """The first two columns of the rotation matrices of unit quaternions (w, x, y, z)."""
-    w, x, y, z = quaternions.T
-    columns = np.empty((len(quaternions), 6))
-    columns[:, 0] = 1 - 2 * (y * y + z * z)
-    columns[:, 1] = 2 * (x * y + w * z)
-    columns[:, 2] = 2 * (x * z - w * y)
-    columns[:, 3] = 2 * (x * y - w * z)
-    columns[:, 4] = 1 - 2 * (x * x + z * z)
-    columns[:, 5] = 2 * (y * z + w * x)
-    return columns
-
-
-def _quaternions(columns: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 4"]:
-    """The rotations whose matrices have nearly these two columns, by Gram and Schmidt."""
-    first = _unit(columns[:, :3], [1.0, 0.0, 0.0])
-    along = (columns[:, 3:] * first).sum(axis=1, keepdims=True)
-    # Where the second is no direction of its own, any that stands on the first will do.
-    spare = np.roll(first, 1, axis=1)
-    spare -= (spare * first).sum(axis=1, keepdims=True) * first
-    second = _unit(columns[:, 3:] - along * first, spare)
-    matrices = np.stack([first, second, np.cross(first, second)], axis=-1)
-    from scipy.spatial.transform import Rotation  # which takes long to import
-
-    return Rotation.from_matrix(matrices).as_quat(canonical=True, scalar_first=True)
-
-
-def _unit(vectors: Float[np.ndarray, "n 3"], otherwise) -> Float[np.ndarray, "n 3"]:
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    vectors = np.where(lengths > 1e-6, vectors, otherwise)
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -33,17 +33,19 @@ class Layout:
     """The same of a cosine, before its sine, and its angle."""
     oriented: list[tuple[slice, slice]] = field(default_factory=list)
     """The same of two columns of a rotation matrix and their quaternion."""
+    upright: list[tuple[slice, slice, slice]] = field(default_factory=list)
+    """The same of where up is, the quaternion, and the linear velocity in the body's frame."""
     velocities: slice = field(default_factory=lambda: slice(0))
     """Where in the state they lie."""
     sensed: list[int] = field(default_factory=list)
     """Where in `sensordata` the last components lie."""
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, *, travel: bool, sensors: bool) -> "Layout":
-        """All positions, all velocities, then sensors; x and y of free joints with `travel`."""
+    def of(cls, model: mujoco.MjModel, *, travel: bool, sensors: bool, heading: bool) -> "Layout":
+        """All positions, all velocities, then sensors; `JointBody` says of what."""
         layout, names = cls(), _names(model)
         for joint, name in enumerate(names):
-            layout._pose(model, joint, name, travel=travel)
+            layout._pose(model, joint, name, travel=travel, heading=heading)
         begin = len(layout.components)
         for joint, name in enumerate(names):
             layout._velocity(model, joint, name)
@@ -55,7 +57,9 @@ class Layout:
             layout.sensed.append(at)
         return layout
 
-    def _pose(self, model: mujoco.MjModel, joint: int, name: str, *, travel: bool) -> None:
+    def _pose(
+        self, model: mujoco.MjModel, joint: int, name: str, *, travel: bool, heading: bool
+    ) -> None:
         kind = mjtJoint(model.jnt_type[joint])
         at = int(model.jnt_qposadr[joint])
         low, high = model.jnt_range[joint].tolist()
@@ -66,6 +70,12 @@ class Layout:
                     self._copy(at + axis, Component(f"{name}_{'xyz'[axis]}", "m", math.nan))
                 at += 3
             size = len(self.components)
+            if kind == mjtJoint.mjJNT_FREE and not heading:
+                dof = int(model.jnt_dofadr[joint])
+                self.upright.append((slice(size, size + 3), slice(at, at + 4), slice(dof, dof + 3)))
+                names = [f"{name}_up{axis}" for axis in "xyz"]
+                self.components += [Component(n, "1", 0.0, _UNIFORM, 1.0) for n in names]
+                return
             self.oriented.append((slice(size, size + 6), slice(at, at + 4)))
             names = [f"{name}_{column}{axis}" for column in "xy" for axis in "xyz"]
             self.components += [Component(n, "1", 0.0, _UNIFORM, 1.0) for n in names]

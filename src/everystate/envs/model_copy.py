@@ -135,6 +135,8 @@ def _require_inside(folder: Path, model: PurePosixPath | Path, named: Path) -> N
 def model_files(xml: Path) -> list[Path]:
     """The file and all that it names, however deeply: included files, meshes, textures, fields.
 
+    The licences that lie beside them too, which ask to go wherever the files go.
+
     MuJoCo's own list looks for height fields in the wrong folder. So every file is added that one
     of the assets may mean, in the folder of any of the XML files.
     """
@@ -152,6 +154,7 @@ def model_files(xml: Path) -> list[Path]:
         if name
     }
     listed |= {file.parent / name for file in listed for name in named}
+    listed |= {found for file in listed for found in file.parent.glob("LICEN[CS]E*")}
     return sorted({_absolute(file) for file in listed if file.is_file()})
 
 

@@ -12,7 +12,7 @@ import mujoco.batch
 import numpy as np
 from jaxtyping import Bool, Float, Shaped, UInt8
 
-from everystate.envs.body import Body, load_model
+from everystate.envs.body import Body
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.model_copy import model_hash
 from everystate.envs.rendering import Along, render_states
@@ -53,7 +53,7 @@ class MujocoVectorEnv(BodyVectorEnv):
         self.name, self.source = body.name, body.source
         self.state_names, self.state_units = body.state_names, body.state_units
         self.nominal = (body.centre, body.spread)
-        self.model = load_model(body.xml)
+        self.model = body.load()
         self.model_hash = model_hash(self.model)
         disturbance.perturb(self.model)
         self.control_step = self.model.opt.timestep * body.frame_skip * disturbance.action_repeat
@@ -175,6 +175,10 @@ class MujocoVectorEnv(BodyVectorEnv):
             middle, half = self._ctrl_range
             signals = middle + half * signals
         self._physics["ctrl"][:] = signals
+        if self.disturbance.push:
+            seconds = self.model.opt.timestep * self.body.frame_skip
+            forces = self.disturbance.pushes(self.model, self.num_envs, seconds, self._rng())
+            self._physics["xfrc_applied"][:] = forces.reshape(self._physics["xfrc_applied"].shape)
         self._batch.step(nstep=self.body.frame_skip)
         self.body.finish(self._batch)
         return self._never

@@ -39,14 +39,14 @@ def render_states(
     it has got to, its goal too, and a trail shows how.
     """
     poses, _ = body.place(np.asarray(observations, dtype=np.float64))
-    path = np.zeros((0, model.nq)) if along is None else body.carried(along.states)
-    carried = np.zeros_like(poses) if along is None else path[along.at]
-    poses = poses + carried
+    path = np.zeros((1, 3 * len(body.unseen))) if along is None else body.carried(along.states)
+    carried = path[np.zeros(len(poses), dtype=int) if along is None else along.at]
+    poses = body.moved(poses, carried)
     data, ghost = mujoco.MjData(model), mujoco.MjData(model)
     ghosts = [None] * len(poses)
     if goal is not None:
         goals = np.broadcast_to(np.asarray(goal, dtype=np.float64), np.shape(observations))
-        ghosts = list(body.place(goals)[0] + carried)
+        ghosts = list(body.moved(body.place(goals)[0], carried))
     frames = np.empty((len(poses), height, width, 3), dtype=np.uint8)
     own, ground = overview(model) if body.camera == -1 else None, _ground(model)
     free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
@@ -78,8 +78,9 @@ def overview(model: mujoco.MjModel) -> mujoco.MjvCamera:
     low, high = ends
     camera.lookat[:] = (low + high) / 2
     fovy = np.radians(model.vis.global_.fovy)
-    camera.distance = 0.48 * float(np.linalg.norm(high - low)) / np.tan(fovy / 2)
     free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
+    share = 0.34 if free.any() else 0.48  # nearer to what the camera goes along with
+    camera.distance = share * float(np.linalg.norm(high - low)) / np.tan(fovy / 2)
     camera.azimuth, camera.elevation = 90, -20 if free.any() else -10
     return camera
 
@@ -176,14 +177,14 @@ def _add_ground(height: float, scene: mujoco.MjvScene) -> None:
 def _add_trail(
     model: mujoco.MjModel,
     body: Body,
-    carried: Float[np.ndarray, "path nq"],
+    carried: Float[np.ndarray, "path gone"],
     scene: mujoco.MjvScene,
 ) -> None:
     """Dots on the floor, where each of what travels unseen has been."""
-    size, flat = np.array([0.03, 0.03, 0.002]), np.eye(3).ravel()
+    size, flat = np.array([0.05, 0.002, 0.0]), np.eye(3).ravel()  # radius, half the height
     color = np.array(_TRAIL, dtype=np.float32)
-    for x in body.unseen:
-        for place in (model.qpos0[x : x + 2] + carried[:, x : x + 2])[::_DOTS][-_MOST_DOTS:]:
+    for x, at in zip(body.unseen, range(0, carried.shape[1], 3), strict=True):
+        for place in (model.qpos0[x : x + 2] + carried[:, at : at + 2])[::_DOTS][-_MOST_DOTS:]:
             geom = scene.geoms[scene.ngeom]
             cylinder, where = mujoco.mjtGeom.mjGEOM_CYLINDER, np.array([*place, 0.002])
             mujoco.mjv_initGeom(geom, cylinder, size, where, flat, color)

@@ -22,6 +22,7 @@ def pulled(
     part: int,
     start: Float[np.ndarray, " 3"],
     end: Float[np.ndarray, " 3"],
+    heading: float = 0.0,
 ) -> Float[np.ndarray, " state"]:
     """The state after an impulse at a point of the body, towards another.
 
@@ -32,6 +33,7 @@ def pulled(
         part: which of the model's bodies is pulled at.
         start: the point of it, in the world's frame, in metres.
         end: where to; a way longer than the model counts as one that long.
+        heading: of a body that does not observe its own, in radians.
 
     Raises:
         EverystateError: a point that is not finite.
@@ -39,6 +41,12 @@ def pulled(
     start, way = np.asarray(start, dtype=np.float64), np.asarray(end) - np.asarray(start)
     if not np.isfinite([start, way]).all():
         raise EverystateError(f"pull from {start} to {end}: both must be finite")
+    if heading:  # `place` has it face 0
+        home = np.append(model.qpos0[body.unseen[0] :][:2], 0.0)
+        back = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
+        start = start - home
+        start[:2], way[:2] = back @ start[:2], back @ way[:2]
+        start = start + home
     way = way * min(1.0, float(model.stat.extent / max(np.linalg.norm(way), 1e-9)))
     qpos, qvel = body.place(np.asarray(state, dtype=np.float64)[None])
     data = mujoco.MjData(model)

@@ -8,7 +8,7 @@ import viser
 from jaxtyping import Float
 from mujoco import mjtGeom
 
-from everystate.envs.body import Body, load_model
+from everystate.envs.body import Body
 from everystate.envs.rendering import GHOST, overview
 from everystate.viewing.shapes import shell, solid
 
@@ -26,10 +26,12 @@ class Stage:
 
     def __init__(self, server: viser.ViserServer, body: Body, pull: Pull) -> None:
         """Puts a body and what surrounds it on the page; `pull` is told of drags at it."""
-        self.body, self.model, self._server = body, load_model(body.xml), server
+        self.body, self.model, self._server = body, body.load(), server
         self._data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self._data)
         self._bodies, self._ghosts, self._moving = {}, {}, {}
+        self._goal: Float[np.ndarray, " state"] | None = None
+        self._heading = 0.0
         none, width = np.zeros((0, 2, 3)), 0.015 * self.model.stat.extent
         draw = server.scene.add_line_segments
         self._trail = draw("/trail", none, _RED, thickness=width)
@@ -58,16 +60,20 @@ class Stage:
         state: Float[np.ndarray, " state"],
         trail: Float[np.ndarray, "steps 2"] | None = None,
         ahead: Float[np.ndarray, "horizon state"] | None = None,
+        heading: float = 0.0,
     ) -> None:
-        """The body in a state.
+        """The body in a state, facing `heading` if it does not observe which way it faces.
 
         A body that travels without observing where it is stays in the middle, and the floor moves
         on below it: `trail` is where it has been, from the oldest place to the one where it is.
         `ahead` are the states to which it plans to go: each part of it has a line through them.
         """
+        turned, self._heading = heading != self._heading, heading
         planned = self._planned(ahead)
-        self._pose(state)
         with self._server.atomic():  # no browser draws half of it
+            if turned and self._goal is not None:
+                self.show_goal(self._goal)
+            self._pose(state)
             for index in self._ghosts:
                 self._place(self._bodies[index], index)
             if trail is not None:
@@ -87,15 +93,16 @@ class Stage:
         """Lines [n, 2, 3] of the centres of mass of its parts."""
         if ahead is None:
             return np.zeros((0, 2, 3))
-        travelled = self.body.carried(ahead)
+        travelled = self.body.carried(ahead, self._heading)
         centres = []
-        for state, moved in zip(ahead, travelled, strict=True):
-            self._pose(state, moved)
+        for state, gone in zip(ahead, travelled, strict=True):
+            self._pose(state, gone)
             centres.append(self._data.xipos[list(self._ghosts)])
         return np.concatenate([_lines(part) for part in np.stack(centres, axis=1)])
 
     def show_goal(self, goal: Float[np.ndarray, " state"]) -> None:
         """Its ghost in another."""
+        self._goal = goal
         self._pose(goal)
         for index, ghost in self._ghosts.items():
             self._place(ghost, index)
@@ -143,10 +150,12 @@ class Stage:
                 self._moving[geom] = grid, place
 
     def _pose(
-        self, state: Float[np.ndarray, " state"], moved: Float[np.ndarray, " nq"] | float = 0.0
+        self, state: Float[np.ndarray, " state"], gone: Float[np.ndarray, " gone"] | None = None
     ) -> None:
-        place = self.body.place(np.asarray(state, dtype=np.float64)[None])[0][0]
-        self._data.qpos[:] = place + moved
+        """Puts the model there, and on by `gone`; else where it is, facing where it does."""
+        one = np.asarray(state, dtype=np.float64)[None]
+        on = self.body.carried(one, self._heading) if gone is None else gone[None]
+        self._data.qpos[:] = self.body.moved(self.body.place(one)[0], on)[0]
         mujoco.mj_kinematics(self.model, self._data)
 
     def _place(self, handle: viser.SceneNodeHandle, index: int) -> None:

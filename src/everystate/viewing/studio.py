@@ -128,7 +128,8 @@ class Studio:
                 if goal is None or not np.array_equal(goal, self.world.goal):
                     goal = self.world.goal.copy()
                     self._stage.show_goal(goal)
-                self._stage.show(self.world.state, self.world.trail, self.world.ahead)
+                world = self.world
+                self._stage.show(world.state, world.trail, world.ahead, world.heading)
                 if began - shown > _PLOT_PERIOD:
                     shown = began
                     self._panel.show()

@@ -56,7 +56,7 @@ class World:
     def _begin(self, state: State) -> None:
         self.state = state
         self._states = self._goals = np.tile(state, (REMEMBERED, 1))
-        self._trail = np.zeros((REMEMBERED, 2))
+        self._trail, self.heading = np.zeros((REMEMBERED, 2)), 0.0
         self._lived = 0
         self.send(state, "stay here")
 
@@ -108,7 +108,8 @@ class World:
     def pull(self, part: int, start: Float[np.ndarray, " 3"], end: Float[np.ndarray, " 3"]) -> None:
         """Jolts a point of one of the model's bodies towards another point; see `push.pulled`."""
         if isinstance(self.env, MujocoVectorEnv):
-            self._put(pulled(self.env.model, self.env.body, self.state, part, start, end))
+            pull = self.env.model, self.env.body, self.state, part, start, end
+            self._put(pulled(*pull, self.heading))
 
     def weigh(self, mass: float) -> None:
         """All masses and inertias of the body times a factor, which the agent does not know of."""
@@ -141,9 +142,9 @@ class World:
         self._lived = min(self._lived + 1, REMEMBERED - 1)
         before, self.state = self.state, self.env.step(action[None])[0][0]
         if self.trail is not None and isinstance(self.env, MujocoVectorEnv):
-            x, body = self.env.body.unseen[0], self.env.body
-            moved = body.carried(np.stack([before, self.state]))[1:, x : x + 2]
-            self._trail = np.concatenate([self._trail[1:], self._trail[-1:] + moved])
+            path = np.stack([before, self.state])
+            x, y, self.heading = self.env.body.carried(path, self.heading)[1, :3].tolist()
+            self._trail = np.concatenate([self._trail[1:], self._trail[-1:] + np.array([x, y])])
         self._states = np.concatenate([self._states[1:], self.state[None]])
         self._goals = np.concatenate([self._goals[1:], goal[None]])
         self.pursuit.goes_on(self.state, goal, np.asarray(self.agent.scale.spread))
