@@ -13,14 +13,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from everystate import envs, evaluation
+    from everystate import envs, evaluation, portable
     from everystate.agent import Agent, load
     from everystate.config import Config
     from everystate.errors import EverystateError
     from everystate.presets import preset
     from everystate.training import Tracker, train
 
-_MODULES = ("envs", "evaluation")
+_MODULES = ("envs", "evaluation", "portable")
 __all__ = [
     "Agent",
     "Config",
@@ -29,6 +29,7 @@ __all__ = [
     "envs",
     "evaluation",
     "load",
+    "portable",
     "preset",
     "train",
 ]
