@@ -1,6 +1,7 @@
 """The programs in examples/ do what they say."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -31,3 +32,15 @@ assert not {{"jax", "equinox", "onnx", "gymnasium"}} & set(sys.modules)
     degrees, centimetres = (float(x) for x in re.findall(r": ([\d.]+) ", said.stdout))
     assert degrees < 5
     assert centimetres < 20
+
+
+@pytest.mark.peers
+def test_ppo_learns_over_an_agent(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """That it runs: too few goals to learn anything."""
+    program = EXAMPLES / "over_an_agent.py"
+    monkeypatch.setattr(sys, "argv", [str(program), "50"])
+    runpy.run_path(str(program))
+    said = capsys.readouterr().out
+    assert len(re.findall(r"\d+ before practice, \d+ after", said)) == 2

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from everystate import envs, evaluation, portable
-    from everystate.agent import Agent, load
+    from everystate.agent import Agent, GoalReaching, load
     from everystate.config import Config
     from everystate.errors import EverystateError
     from everystate.presets import preset
@@ -25,6 +25,7 @@ __all__ = [
     "Agent",
     "Config",
     "EverystateError",
+    "GoalReaching",
     "Tracker",
     "envs",
     "evaluation",
@@ -38,6 +39,7 @@ _HOMES = {
     "Agent": "agent",
     "Config": "config",
     "EverystateError": "errors",
+    "GoalReaching": "agent",
     "Tracker": "training",
     "load": "agent",
     "preset": "presets",
