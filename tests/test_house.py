@@ -29,6 +29,7 @@ def pins(filename: str) -> dict[str, str]:
         ("requirements.txt", PROJECT["dependencies"]),
         ("requirements-dev.txt", PROJECT["optional-dependencies"]["dev"]),
         ("requirements-dev.txt", PROJECT["optional-dependencies"]["bodies"]),
+        ("requirements-dev.txt", PROJECT["optional-dependencies"]["onnx"]),
         ("requirements-peers.txt", PROJECT["optional-dependencies"]["peers"]),
         ("requirements-robots.txt", PROJECT["optional-dependencies"]["robots"]),
         ("requirements-scale.txt", PROJECT["optional-dependencies"]["scale"]),

@@ -1,4 +1,4 @@
-"""README and tutorial do what they say: every block of theirs is run, in reading order."""
+"""README and pages of docs/ do what they say: every block of theirs is run, in reading order."""
 
 import functools
 import importlib
@@ -6,6 +6,7 @@ import inspect
 import re
 import runpy
 import shlex
+import sys
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,9 @@ def run(command: str, names: dict[str, str]) -> None:
         return
     program, arguments = Path(words[0]).name, [names.get(word, word) for word in words[1:]]
     if program == "python":
-        runpy.run_path(arguments[0])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", arguments)
+            runpy.run_path(arguments[0])
         return
     if program != "everystate":
         assert words[0] in ELSEWHERE, f"who runs {command!r}?"
@@ -121,6 +124,15 @@ def test_the_readme() -> None:
     left = read("README.md", {"RUN": "runs/ramp-pointmass-quick-seed1", "NAME": "climb"})
     assert left["actions"].shape == (100, 2)
     assert Path("ramp-pointmass-climb.mp4").exists()
+
+
+@pytest.mark.usefixtures("small")
+def test_the_page_on_agents_elsewhere(capsys: pytest.CaptureFixture) -> None:
+    Path("examples").symlink_to(ROOT / "examples")
+    left = read("docs/elsewhere.md", {})
+    assert left["action"].shape == (1,)
+    assert left["observation"].shape == left["info"]["goal"].shape == (2,)
+    assert "angle from upright" in capsys.readouterr().out
 
 
 @pytest.mark.peers

@@ -13,22 +13,24 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from everystate import envs, evaluation
-    from everystate.agent import Agent, load
+    from everystate import envs, evaluation, portable
+    from everystate.agent import Agent, GoalReaching, load
     from everystate.config import Config
     from everystate.errors import EverystateError
     from everystate.presets import preset
     from everystate.training import Tracker, train
 
-_MODULES = ("envs", "evaluation")
+_MODULES = ("envs", "evaluation", "portable")
 __all__ = [
     "Agent",
     "Config",
     "EverystateError",
+    "GoalReaching",
     "Tracker",
     "envs",
     "evaluation",
     "load",
+    "portable",
     "preset",
     "train",
 ]
@@ -37,6 +39,7 @@ _HOMES = {
     "Agent": "agent",
     "Config": "config",
     "EverystateError": "errors",
+    "GoalReaching": "agent",
     "Tracker": "training",
     "load": "agent",
     "preset": "presets",

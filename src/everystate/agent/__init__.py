@@ -11,12 +11,14 @@ from everystate.agent.files import (
     config_to_plain,
     with_model_copy,
 )
+from everystate.agent.goal_reaching import GoalReaching
 from everystate.agent.performance import Performance, step_seed
 
 __all__ = [
     "ActWith",
     "Agent",
     "BodyInfo",
+    "GoalReaching",
     "Performance",
     "config_from_json",
     "config_to_json",

@@ -14,10 +14,11 @@ from jaxtyping import Array, Bool, Float, Float32
 from numpy.typing import ArrayLike
 
 from everystate import skills
-from everystate.agent import compiled, files, sharing
+from everystate.agent import compiled, files, policy_file, sharing
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import ActWith, BodyInfo
 from everystate.agent.performance import Performance
+from everystate.agent.steps import as_steps
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
 from everystate.learning.components import asked
@@ -201,13 +202,28 @@ class Agent:
         The copy of a model file that was the user's own goes with it. What drives it best goes too:
         `dataclasses.replace(agent, act_with="plan")` is an agent that says so.
 
+        NAME.onnx and NAME.npz hold the policy alone, for programs without JAX: `act` without
+        `plan`, but for rounding. The first needs the package onnx; its inputs are `observation` and
+        `goal` [batch, state], in the body's units, its output `action` [batch, action], all
+        float32. The other is for `everystate.portable.load`.
+
         Args:
-            path: the folder or, if it ends in .zip, the one file; it must not exist.
-            scores: results to keep with it, anything JSON can hold.
-            half: matrices as float16, for half the size; it then acts a little differently.
+            path: the folder or, by its ending, the one file; it must not exist.
+            scores: results to keep with it, anything JSON can hold; not with a policy alone.
+            half: matrices as float16, for half the size; it then acts a little differently. Not
+                with a policy alone.
+
+        Raises:
+            EverystateError: it exists, cannot be written, or cannot be written in this form.
         """
+        path = Path(path)
+        if policy_file.is_one(path):
+            policy_file.require_nothing_else(path, scores, half)
+            names = self.state_names, self.action_names
+            policy = as_steps(self.models, self.scale, self.config, *names)
+            return policy_file.write(path, policy)
         agent = self.models, self.scale, self.config, self.body, self.act_with
-        return files.export(Path(path), *agent, scores, half)
+        return files.export(path, *agent, scores, half)
 
     def _scaled(self, what: str, value: ArrayLike) -> Float32[np.ndarray, "*n state"]:
         names = self.body.state_names
@@ -272,6 +288,7 @@ def load(path: str | Path) -> Agent:
     if str(path).startswith(sharing.HUB):
         folder = sharing.from_hub(str(path))
     elif folder.is_file():
+        policy_file.refuse(folder)
         folder = sharing.unpack(folder)
     elif not folder.exists() and (SHIPPED / path).is_dir():
         folder = SHIPPED / path

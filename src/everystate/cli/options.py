@@ -208,14 +208,17 @@ class Studio(Driven):
 
 @dataclasses.dataclass(frozen=True)
 class Export:
-    """Writes the agent of a run to a folder, or to one file to share: NAME.zip."""
+    """Writes the agent of a run to a folder, or to one file to share: NAME.zip.
+
+    Or its policy alone, for programs without JAX: NAME.onnx, or NAME.npz for NumPy.
+    """
 
     run: tyro.conf.Positional[Path]
     """Run folder, exported agent, or the name of an agent that comes with everystate."""
     out: tyro.conf.Positional[Path]
-    """Folder, or NAME.zip, to write to; it must not exist."""
+    """Folder, NAME.zip, NAME.onnx or NAME.npz to write to; it must not exist."""
     half: bool = False
-    """Matrices as float16, for half the size; the agent then acts a little differently."""
+    """Matrices of the agent as float16, for half the size; it then acts a little differently."""
 
 
 @dataclasses.dataclass(frozen=True)

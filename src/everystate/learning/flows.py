@@ -138,6 +138,16 @@ class ConditionalFlow(Conditional):
         encoder = eqx.tree_at(_elementwise_parameters, self.encoder, moved)
         return Transformed(StandardNormal(encoder.shape), Invert(encoder))
 
+    def columns(self) -> AbstractBijection:
+        """The encoder, with which of the network's outputs move it in place of what they move."""
+        parameters = _elementwise_parameters(self.encoder)
+        ends = np.cumsum([parameter.size for parameter in parameters])
+        places = [
+            jnp.arange(end - p.size, end, dtype=jnp.int32).reshape(p.shape)
+            for p, end in zip(parameters, ends, strict=True)
+        ]
+        return eqx.tree_at(_elementwise_parameters, self.encoder, places)
+
 
 def _elementwise_parameters(tree: Any) -> list[Any]:  # Also of tree_at's stand-ins.
     def ours(node: object) -> bool:

@@ -143,8 +143,9 @@ class Hit(NamedTuple):
 Objective = PaperSum | Hit
 HOLD, PASS = 0, 1
 """Which of the objectives is which, where there are both."""
+NEAR, HELD = 0.5, 0.05
+"""How close a goal is nearly met, and what share of all that can be lost holding it may cost."""
 _FIRST_LOGIT = -4.0
-_HELD, _NEAR = 0.05, 0.5
 
 
 def objectives(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> tuple[Objective, ...]:
@@ -179,6 +180,6 @@ def pursued(
     if len(models.values) == 1:
         return jnp.zeros((), jnp.int32)
     place = rewards.placing(config, models)
-    near = objectives(config)[PASS].closeness(place(state), place(goal)) >= _NEAR
-    can = models.values[HOLD](goal, goal) >= -_HELD / (1 - config.discount)
+    near = objectives(config)[PASS].closeness(place(state), place(goal)) >= NEAR
+    can = models.values[HOLD](goal, goal) >= -HELD / (1 - config.discount)
     return jnp.where(near & can, jnp.int32(HOLD), jnp.int32(PASS))
