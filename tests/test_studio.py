@@ -106,7 +106,7 @@ def test_a_skill_that_fell_or_ran_out_of_time_is_told_not_done() -> None:
     for way, told in ((up, "done in 0.3 s"), (fell, "not done in 7.2 s")):
         pursuit = Pursuit("climb", skill("ramp-pointmass", "climb"), [way[0]])
         for state in way[1:]:
-            pursuit.goes_on(state, state, np.ones(2))
+            pursuit.goes_on(state, 0.0)
             pursuit.judge(env)
         assert pursuit.told(0.06) == told
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import get_args
 
 from suites_motion import MOVES, motion
+from suites_parts import parts
 from suites_rest import MAKERS
 
 from everystate.evaluation import suites
@@ -23,7 +24,8 @@ def main(
     for body in bodies or sorted(MAKERS):
         (folder / body).mkdir(exist_ok=True)
         for split in splits:
-            made = [MAKERS[body](split)] + ([motion(body, split)] if body in MOVES else [])
+            made = [MAKERS[body](split), *([motion(body, split)] if body in MOVES else [])]
+            made += parts(body, split)
             for suite in made:
                 path = folder / body / f"{suite.name}-{split}.json"
                 path.write_text(suites.to_json(suite))

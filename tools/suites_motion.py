@@ -5,7 +5,7 @@ the goal, and so the path's own actions lead there. From the start as it is writ
 are played once more; the goal is the state that this led to, so nothing is lost by rounding.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import ant_controllers as ants
@@ -70,26 +70,40 @@ def motion(body: str, split: Split) -> Suite:
         cut = cut.only(_alike(moves.kinds(cut.goals), _TRIED * more, rng))
         cut = cut.only(np.flatnonzero(_hard(body, cut, sigma, k, rng)))
         kept.append(cut.only(_alike(moves.kinds(cut.goals), PER_K, rng)))
-    goals = np.concatenate([cut.goals for cut in kept]).astype(float)
-    ks = np.repeat(KS, [len(cut.goals) for cut in kept])
+    return _suite(body, split, kept)
+
+
+def paths_cut(
+    body: str, split: Split, ks: Sequence[int], count: int, rng: np.random.Generator
+) -> Suite:
+    """So many tasks cut from paths for each k, whatever moves in them and however near they lie."""
+    env = make(body, _BODIES, int(rng.integers(2**31)))
+    physics, actions = _paths(env, MOVES[body].play(env, rng), rng)
+    return _suite(body, split, [_cut(body, physics, actions, k, count, rng) for k in ks])
+
+
+def _suite(body: str, split: Split, cuts: list[Cut]) -> Suite:
+    moves, names = MOVES[body], make(body, 1, 0).state_names
+    goals = np.concatenate([cut.goals for cut in cuts]).astype(float)
+    ks = np.concatenate([np.full(len(cut.goals), cut.actions.shape[1]) for cut in cuts])
     return Suite(
         body=body,
         name="motion",
         split=split,
         notes=moves.notes,
         seed=SEEDS[split],
-        components=tuple(env.state_names),
-        sigma=sigma,
+        components=tuple(names),
+        sigma=moves.sigma(),
         angular=(),
-        position=tuple(env.state_names[: moves.positions]),
-        velocity=tuple(env.state_names[moves.positions :]),
-        starts=tuple(start for cut in kept for start in cut.starts),
+        position=tuple(names[: moves.positions]),
+        velocity=tuple(names[moves.positions :]),
+        starts=tuple(start for cut in cuts for start in cut.starts),
         goals=goals.round(6),
         weights=np.ones_like(goals),
         kinds=tuple(moves.kinds(goals).tolist()),
         k=ks,
         horizons=2 * ks + 10,
-        actions=tuple(actions for cut in kept for actions in cut.actions),
+        actions=tuple(actions for cut in cuts for actions in cut.actions),
     )
 
 

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
@@ -14,13 +15,16 @@ from jaxtyping import Array, Bool, Float, Float32
 from numpy.typing import ArrayLike
 
 from everystate import skills
-from everystate.agent import compiled, files, policy_file, sharing
+from everystate.agent import compiled, files, inputs, policy_file, sharing
 from everystate.agent.compile_cache import keep_compiled_programs
 from everystate.agent.files import ActWith, BodyInfo
 from everystate.agent.performance import Performance
 from everystate.agent.steps import as_steps
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
+from everystate.features import features, parts
+from everystate.goals import Goal
+from everystate.learning.completion import Atlas
 from everystate.learning.components import asked
 from everystate.learning.models import Models, Scale
 from everystate.learning.planning import Planned, Planning
@@ -55,8 +59,10 @@ class Agent:
     """A trained agent: where to go is its user's choice, how to get there is what it learned.
 
     Every method takes a single state `[state]` or a batch `[n, state]`, in the units of the body,
-    and returns float32 NumPy arrays. A state of the wrong shape, or with a component that is not
-    finite, raises an `EverystateError`.
+    and returns float32 NumPy arrays. A goal may ask for a part of a state: NaN in the place of what
+    does not matter or, by names, `{"cart": 0.5}` or `{"height": 0.6, "forward_velocity": 0.5}`;
+    names are those of `state_names` and `feature_names`. A state of the wrong shape, or with a
+    component that is not finite, raises an `EverystateError`.
     """
 
     models: Models
@@ -65,6 +71,8 @@ class Agent:
     body: BodyInfo
     act_with: ActWith = "policy"
     """What drives it best: the studio, films and reports do as it says unless told otherwise."""
+    visited: Float32[np.ndarray, "n state"] | None = None
+    """States in which its body has been, from which it completes goals that ask for a part."""
 
     def __repr__(self) -> str:
         sizes = f"{len(self.state_names)} state components, {self.body.action_size} actions"
@@ -74,6 +82,11 @@ class Agent:
     def state_names(self) -> tuple[str, ...]:
         """Of the components of its states and goals, in order."""
         return self.body.state_names
+
+    @property
+    def feature_names(self) -> tuple[str, ...]:
+        """Of what else a goal may ask for by name: see `everystate.features`."""
+        return tuple(features(self.state_names))
 
     @property
     def action_names(self) -> tuple[str, ...]:
@@ -100,7 +113,7 @@ class Agent:
     def act(
         self,
         observation: ArrayLike,
-        goal: ArrayLike,
+        goal: Goal,
         *,
         plan: bool | Planning = False,
         seed: int = 0,
@@ -123,10 +136,21 @@ class Agent:
             actions = compiled.act(self.config, self.models, states, goals)
         return _returned(actions, single)
 
+    def complete(self, observation: ArrayLike, goal: Goal) -> Float32[np.ndarray, "*n state"]:
+        """The whole state for which the agent makes at the moment, sent to a part of one.
+
+        Of the states that fit what is asked, as far as the agent knows them, one that it can stay
+        in, if there is such, and the nearest by V. It is chosen anew at every step.
+        """
+        _, goals, single = self._pairs(observation, goal)
+        given = inputs.pairs(observation, goal, self.state_names).goals.components
+        whole = np.where(np.isnan(given), self.scale.unscaled(goals), given)  # not rounded twice
+        return np.array(whole[0] if single else whole)
+
     def plan(
         self,
         observation: ArrayLike,
-        goal: ArrayLike,
+        goal: Goal,
         *,
         planning: Planning | None = None,
         seed: int = 0,
@@ -140,7 +164,7 @@ class Agent:
         return Plan(*(x[0] for x in every)) if single else every
 
     def predict(
-        self, observation: ArrayLike, goal: ArrayLike, deterministic: bool = True, *, seed: int = 0
+        self, observation: ArrayLike, goal: Goal, deterministic: bool = True, *, seed: int = 0
     ) -> tuple[Float32[np.ndarray, "*n action"], None]:
         """The policy's action, in the manner of Stable-Baselines3; it has no state: None.
 
@@ -169,12 +193,12 @@ class Agent:
         goals = np.asarray(compiled.propose(self.config.m, self.models, keys))
         return goals * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
 
-    def value(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
+    def value(self, observation: ArrayLike, goal: Goal) -> Float32[np.ndarray, "*n"]:
         """V(s, g): what the agent expects on its way, in steps, at most 0 (4.2) [D31]."""
         states, goals, single = self._pairs(observation, goal)
         return _returned(compiled.values(self.config, self.models, states, goals), single)
 
-    def steps_to_goal(self, observation: ArrayLike, goal: ArrayLike) -> Float32[np.ndarray, "*n"]:
+    def steps_to_goal(self, observation: ArrayLike, goal: Goal) -> Float32[np.ndarray, "*n"]:
         """About how many control steps each state is from its goal: -V(s, g) (4.2) [D18], [D31].
 
         By the paper's sum the step onto the goal costs nothing, as the reward is that of the state
@@ -188,10 +212,10 @@ class Agent:
 
         A density per unit of state, in nats: it integrates to 1 over the body's own units.
         """
-        states = self._scaled("state", state)
-        scaled = _returned(
-            compiled.log_density(self.models, jnp.asarray(np.atleast_2d(states))), states.ndim == 1
-        )
+        states = inputs.checked("state", state, self.state_names)
+        scaled = self.scale.scaled(jnp.atleast_2d(jnp.asarray(states)))
+        scaled = compiled.log_density(self.models, scaled)
+        scaled = _returned(scaled, states.ndim == 1)
         return np.asarray(scaled - np.log(np.asarray(self.scale.spread)).sum())
 
     def export(
@@ -222,26 +246,13 @@ class Agent:
             names = self.state_names, self.action_names
             policy = as_steps(self.models, self.scale, self.config, *names)
             return policy_file.write(path, policy)
-        agent = self.models, self.scale, self.config, self.body, self.act_with
+        agent = self.models, self.scale, self.config, self.body, self.act_with, self.visited
         return files.export(path, *agent, scores, half)
 
-    def _scaled(self, what: str, value: ArrayLike) -> Float32[np.ndarray, "*n state"]:
-        names = self.body.state_names
-        try:
-            states = np.asarray(value, dtype=np.float32)
-        except (TypeError, ValueError) as error:
-            raise EverystateError(f"the {what} is no array of numbers: {error}") from error
-        if states.ndim not in (1, 2) or states.shape[-1] != len(names):
-            raise EverystateError(
-                f"the {what} has shape {states.shape}: expected ({len(names)},) or "
-                f"(n, {len(names)}), for {', '.join(names)}"
-            )
-        if not np.isfinite(states).all():
-            place = tuple(np.argwhere(~np.isfinite(states))[0])
-            raise EverystateError(
-                f"the {what} is {states[place]} in {names[place[-1]]}: it must be finite"
-            )
-        return (states - np.asarray(self.scale.centre)) / np.asarray(self.scale.spread)
+    @cached_property
+    def _atlas(self) -> Atlas:
+        states = None if self.visited is None else jnp.asarray(self.visited)
+        return compiled.atlas(self.config, self.models, self.scale, states)
 
     def _search(
         self, states: Float[Array, "n s"], goals: Float[Array, "n s"], planning: Planning, seed: int
@@ -250,19 +261,17 @@ class Agent:
         return compiled.plan(self.config, planning, self.models, states, goals, key)
 
     def _pairs(
-        self, observation: ArrayLike, goal: ArrayLike
+        self, observation: ArrayLike, goal: Goal
     ) -> tuple[Float[Array, "n s"], Float[Array, "n s"], bool]:
-        """Both as batches of the same length, and whether both came single."""
-        states, goals = self._scaled("observation", observation), self._scaled("goal", goal)
-        single = states.ndim == goals.ndim == 1
-        states, goals = np.atleast_2d(states), np.atleast_2d(goals)
-        if len(states) != len(goals) and 1 not in (len(states), len(goals)):
-            raise EverystateError(
-                f"{len(states)} observations and {len(goals)} goals: give as many of each, or one"
-            )
-        states, goals = np.broadcast_arrays(states, goals)
-        states, goals = jnp.asarray(states), jnp.asarray(goals)
-        return states, asked(self.models.dynamics.weights, states, goals), single
+        """Both scaled, as batches of the same length, the goals whole; and if both came single."""
+        states, wanted, single = inputs.pairs(observation, goal, self.state_names)
+        goals = jnp.asarray(wanted.components)
+        if wanted.features or np.isnan(wanted.components).any():
+            known = self.config, self.models, self.scale, parts(self.state_names), self._atlas
+            asked_for = jax.tree.map(jnp.asarray, (states, *wanted))
+            goals = compiled.completed(*known, *asked_for)
+        here, there = self.scale.scaled(jnp.asarray(states)), self.scale.scaled(goals)
+        return here, asked(self.models.dynamics.weights, here, there), single
 
 
 def _returned(values: Float[Array, "n *a"], single: bool) -> Float32[np.ndarray, "..."]:

@@ -9,8 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.features import Part
+from everystate.learning.completion import Atlas, new_atlas
+from everystate.learning.completion import completed as complete
 from everystate.learning.goals import imagined, least_likely
-from everystate.learning.models import Models
+from everystate.learning.models import Models, Scale
 from everystate.learning.objectives import objectives, pursued, worths
 from everystate.learning.planning import Planned, Planning
 from everystate.learning.planning import plan as search
@@ -88,6 +91,33 @@ def propose(m: int, models: Models, keys: Key[Array, " n"]) -> Float[Array, "n s
     """For each key the least likely of m imagined states."""
     flow = models.state_flow
     return jax.vmap(lambda key: least_likely(flow, imagined(flow, m, key=key)))(keys)
+
+
+@eqx.filter_jit
+def atlas(
+    config: Config, models: Models, scale: Scale, states: Float[Array, "n s"] | None
+) -> Atlas:
+    """States that the body can be in."""
+    return new_atlas(config, models, scale, states)
+
+
+@eqx.filter_jit
+def completed(
+    config: Config,
+    models: Models,
+    scale: Scale,
+    parts: tuple[Part, ...],
+    atlas: Atlas,
+    states: Float[Array, "n s"],
+    components: Float[Array, "n s"],
+    features: dict[str, Float[Array, " n"]],
+) -> Float[Array, "n s"]:
+    """Whole goals for what is asked, all in the units of the body."""
+    return jax.lax.map(
+        lambda x: complete(config, models, scale, parts, atlas, *x),
+        (states, components, features),
+        batch_size=_even(len(states)),
+    )
 
 
 @eqx.filter_jit

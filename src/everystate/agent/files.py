@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import safetensors
 import safetensors.numpy
+from jaxtyping import Float32
 
 from everystate.agent import formats, sharing
 from everystate.agent.arrays import named_arrays, skeleton, with_arrays
@@ -36,6 +37,8 @@ ActWith = Literal["policy", "plan"]
 BODY = "body"
 """The folder with the copy of a model, in a run as in an agent."""
 _ARRAYS, _LIST = "agent.safetensors", f"{BODY}/body.json"
+_VISITED = "visited"
+"""Among the arrays: no part of a model."""
 _PROBLEMS = (
     OSError,
     ValueError,
@@ -87,11 +90,14 @@ def write(
     config: Config,
     body: BodyInfo,
     act_with: ActWith = "policy",
+    visited: Float32[np.ndarray, "n state"] | None = None,
     scores: Mapping[str, Any] | None = None,
     half: bool = False,
 ) -> None:
     """Writes an agent's files into an existing folder; if `half`, matrices as float16."""
     arrays = {name: np.asarray(x) for name, x in named_arrays(models).items()}
+    if visited is not None:
+        arrays[_VISITED] = visited
     if half:
         arrays = {name: _halved(x) for name, x in arrays.items()}
     safetensors.numpy.save_file(arrays, folder / _ARRAYS)
@@ -124,7 +130,7 @@ def _full(array: np.ndarray) -> np.ndarray:
 
 def read(
     folder: Path, body_folder: Path | None = None
-) -> tuple[Models, Scale, Config, BodyInfo, ActWith]:
+) -> tuple[Models, Scale, Config, BodyInfo, ActWith, Float32[np.ndarray, "n state"] | None]:
     """The inverse of `write`, scores apart; where nothing is said, the policy acts.
 
     Args:
@@ -155,11 +161,12 @@ def read(
         models = skeleton(config, len(body.state_names), body.action_size).models
         arrays = safetensors.numpy.load(content)
         arrays = {n: _full(x) for n, x in arrays.items()}
+        visited = arrays.pop(_VISITED, None)
         sizes = len(body.state_names), config.frequencies
         arrays = formats.brought_up(arrays, description["format"], *sizes)
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
-        return models, Scale(**units), config, body, act_with
+        return models, Scale(**units), config, body, act_with, visited
     except _PROBLEMS as error:
         problem = " ".join(f"{type(error).__name__}: {error}".split())
         raise EverystateError(f"the agent in {folder} is damaged ({problem})") from error

@@ -4,14 +4,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-FORMAT = 5
+FORMAT = 6
+UNVISITED = 5
+"""The format of agents without states that were visited."""
 STEEP = 4
 """The format of networks whose waves are all of one amplitude."""
 SINGLE = 3
 """The format before that, with one policy and one V, whose components all count."""
 UNCHECKED = 2
 """The format before checksums and models: read with a warning."""
-READ = FORMAT, STEEP, SINGLE
+READ = FORMAT, UNVISITED, STEEP, SINGLE
 
 
 def brought_up(
@@ -28,7 +30,7 @@ def brought_up(
     if found < STEEP:
         arrays = {_renamed(name): x for name, x in arrays.items()}
         arrays["dynamics.weights"] = np.ones(state_size, np.float32)
-    if found < FORMAT:
+    if found <= STEEP:
         arrays = {name: _of_steep(name, x, octaves) for name, x in arrays.items()}
     return dict(arrays)
 

@@ -25,6 +25,7 @@ import dataclasses
 import json
 import os
 import sys
+import textwrap
 import warnings
 from pathlib import Path
 from typing import Any
@@ -211,14 +212,15 @@ def report(argv: list[str]) -> None:
 def render(argv: list[str]) -> None:
     """Film an agent."""
     options = parse(Render, "render", argv)
-    from everystate import viewing
+    from everystate import goals, viewing
 
+    goal = None if options.goal is None else goals.read(options.goal)
     with working("filming"):
         path = viewing.render(
             options.run,
             options.out,
             skill=options.skill,
-            goal=options.goal,
+            goal=goal,
             explore=options.explore,
             steps=options.steps,
             plan=options.planning,
@@ -274,11 +276,20 @@ def bodies(argv: list[str]) -> None:
     """List the bodies, those built in and robots by name, or describe the ones named."""
     options = parse(Bodies, "bodies", argv)
     from everystate import envs
+    from everystate.features import features
 
     how = envs.parse_options(options.body_options)
     for name in options.body or envs.BODIES:
         env = envs.make(name, 1, 0, **how)
-        print(envs.describe(env) if options.body else envs.headline(env), end="\n\n")
+        print(envs.describe(env) if options.body else envs.headline(env))
+        named = [f"{f.name} ({f.unit})" for f in features(env.state_names).values()]
+        if options.body and named:
+            print(
+                textwrap.fill(
+                    f"  goals can also ask for {', '.join(named)}", 78, subsequent_indent="    "
+                )
+            )
+        print()
     if not options.body:
         print(f"{_ROBOTS}\n\n{envs.list_robots()}\n\n{_OTHERS}")
 

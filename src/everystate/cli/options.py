@@ -176,8 +176,9 @@ class Render(Driven):
     """Run folder, exported agent, or the name of an agent that comes with everystate."""
     skill: str | None = None
     """A named skill; `everystate skills BODY` lists them."""
-    goal: tuple[float, ...] | None = None
-    """A state to go to, a number for each component, in the order of `everystate bodies BODY`."""
+    goal: tuple[str, ...] | None = None
+    """A state to go to, a number for each component in the order of `everystate bodies BODY`; or
+    what you ask of it, and nothing more, as in height=0.6 forward_velocity=0.5."""
     explore: bool = False
     """Goals that the agent proposes itself; so it is without --skill and --goal too."""
     out: Path | None = None

@@ -39,8 +39,9 @@ def measure(
     env = make(suite.body, len(suite.goals), seed, **options)
     warn_of_another_model(agent, env)
     begun, steps = suite.begin(env, seed), int(suite.horizons.max())
-    states = rollout(agent, env, begun, suite.goals, steps, plan=plan, seed=seed)
-    predicted = np.asarray(agent.steps_to_goal(begun, suite.goals.astype(np.float32)))
+    goals = suite.asked(env.state_names)
+    states = rollout(agent, env, begun, goals, steps, plan=plan, seed=seed)
+    predicted = np.asarray(agent.steps_to_goal(begun, goals))
     return score_states(env, suite, states, predicted)
 
 
@@ -105,7 +106,8 @@ def rollout(
 ) -> Float[np.ndarray, "_ envs state"]:
     """States [steps + 1, envs, state] of bodies sent to goals from where they are.
 
-    `observations` are what the bodies observe there; no episode rule ends the way.
+    `observations` are what the bodies observe there; no episode rule ends the way. NaN in a goal is
+    what is not asked.
     """
     goals = np.asarray(goals, dtype=np.float32)
     states = [observations]

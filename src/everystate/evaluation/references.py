@@ -71,7 +71,7 @@ def references(result: Mapping[str, Any], config: AgentConfig) -> dict[str, dict
         `[suite][name]` as in `beside`.
     """
     found: dict[str, dict[str, Any]] = {}
-    known = suites.names(config.body, config.body_options)
+    known = suites.every(config.body, config.body_options)
     for name, one in result["suites"].items():
         if name in known:
             suite = suites.load(config.body, name, config.body_options, one["split"])

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float32, Int
 
 from everystate import envs
 from everystate.agent.files import read_json
@@ -107,9 +107,17 @@ class Suite:
 
         Of what can only be passed that is a hit, and of all else the end.
         """
-        if self.name != "motion":
+        if self.name not in ("motion", "parts-motion"):
             return "max", "end"
-        return metrics.chief(len(self.components)), "hit"
+        return metrics.chief(int((self.weights > 0).sum(axis=1).max())), "hit"
+
+    def asked(self, state_names: Sequence[str]) -> Float32[np.ndarray, "tasks state"]:
+        """The goals, NaN in each component of the state that is not asked for."""
+        goals = self.goals.astype(np.float32)
+        for i, name in enumerate(self.components):
+            if name in state_names:
+                goals[self.weights[:, i] == 0, state_names.index(name)] = np.nan
+        return goals
 
     def subset(self, count: int) -> "Suite":
         """About evenly spaced tasks of the suite, which keeps the share of every kind."""
@@ -140,7 +148,12 @@ class Suite:
 
 
 def names(body: str, options: Sequence[str] = ()) -> tuple[str, ...]:
-    """The suites of a body: those in the package, or else one that is made on the spot."""
+    """The suites of whole states of a body: those in the package, or one made on the spot."""
+    return tuple(name for name in every(body, options) if not name.startswith("parts"))
+
+
+def every(body: str, options: Sequence[str] = ()) -> tuple[str, ...]:
+    """Its suites, those too that ask for parts of states."""
     files = (FOLDER / body).glob("*-report.json")
     found = tuple(sorted(path.stem.removesuffix("-report") for path in files))
     if not found or (options and _state(body, options) != _state(body)):
@@ -159,7 +172,7 @@ def load(
     Raises:
         EverystateError: no such suite, or a file that is none, damaged, or of another body.
     """
-    known = names(body, options)
+    known = every(body, options)
     suite = known[0] if suite is None else suite
     if suite == "visited":
         from everystate.evaluation.visited import on_the_spot

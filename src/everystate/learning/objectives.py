@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from everystate.config import Config
 from everystate.learning import rewards, value
@@ -181,5 +181,16 @@ def pursued(
         return jnp.zeros((), jnp.int32)
     place = rewards.placing(config, models)
     near = objectives(config)[PASS].closeness(place(state), place(goal)) >= NEAR
-    can = models.values[HOLD](goal, goal) >= -HELD / (1 - config.discount)
-    return jnp.where(near & can, jnp.int32(HOLD), jnp.int32(PASS))
+    return jnp.where(near & holdable(config, models.values, goal), jnp.int32(HOLD), jnp.int32(PASS))
+
+
+def holdable(
+    config: Config, values: Sequence[Callable], goal: Float[Array, " s"]
+) -> Bool[Array, ""]:
+    """Whether the agent can stay at a goal, scaled; of a single objective that is not known.
+
+    See `pursued`.
+    """
+    if len(values) == 1:
+        return jnp.zeros((), bool)
+    return values[HOLD](goal, goal) >= -HELD / (1 - config.discount)

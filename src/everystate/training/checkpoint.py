@@ -80,7 +80,8 @@ def _write(draft: Path, snapshot: Snapshot, agent: Agent) -> None:
     arrays = _to_arrays(snapshot)
     checksums = {name: str(_checksum(array)) for name, array in arrays.items()}
     safetensors.numpy.save_file(arrays, draft / _STATE, metadata=checksums)
-    files.write(draft, agent.models, agent.scale, agent.config, agent.body)
+    parts = agent.models, agent.scale, agent.config, agent.body, agent.act_with, agent.visited
+    files.write(draft, *parts)
 
 
 def restore(folder: Path, config: Config, state_size: int, action_size: int) -> Snapshot | None:

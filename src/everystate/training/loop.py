@@ -6,12 +6,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import jax
+import numpy as np
 
 from everystate import evaluation
 from everystate.agent import Agent, keep_compiled_programs
@@ -19,6 +20,7 @@ from everystate.agent.files import BODY
 from everystate.config import Config
 from everystate.envs import BodyVectorEnv, body_of
 from everystate.errors import EverystateError
+from everystate.learning.completion import visited
 from everystate.presets import preset as preset_of
 from everystate.training import checkpoint, coverage, faults, hosts
 from everystate.training.assist import assist
@@ -37,6 +39,8 @@ from everystate.training.groups import Crew, Groups, InProcess, size_of
 from everystate.training.learner import Learner, compiled
 from everystate.training.logging import Log, OnEpoch, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
+
+_visited = jax.jit(visited, static_argnums=0)
 
 COMPILING = "compiling: about a minute the first time, seconds after that"
 
@@ -217,8 +221,9 @@ def _run(
 
 
 def _save(config: Config, env: BodyVectorEnv, folder: Path, snapshot: Snapshot) -> Path:
-    agent = _agent(config, env, snapshot)
     snapshot = snapshot._replace(agent=hosts.local(snapshot.agent))
+    seen = np.asarray(_visited(config, snapshot.agent))
+    agent = replace(_agent(config, env, snapshot), visited=seen)
     return checkpoint.save(folder / "checkpoints", snapshot, agent, config.checkpoint_period)
 
 

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
+from everystate.agent import Agent, inputs
 from everystate.envs import BodyVectorEnv
 from everystate.evaluation import metrics
+from everystate.goals import Goal, apart
 from everystate.skills import Skill
 
 REACHED = 0.5
@@ -14,14 +16,17 @@ REACHED = 0.5
 
 
 def distance(
-    states: Float[np.ndarray, "steps state"],
-    goals: Float[np.ndarray, "*#steps state"],
-    spread: Float[np.ndarray, " state"],
+    agent: Agent, states: Float[np.ndarray, "steps state"], goal: Goal
 ) -> Float[np.ndarray, " steps"]:
-    """σ from goals: of the furthest component, or the root mean square of more than 12."""
-    apart = (np.abs(states - goals) / spread)[:, None]
-    measure = metrics.rms if metrics.chief(len(spread)) == "rms" else metrics.largest
-    return measure(apart, np.ones((1, len(spread))))[:, 0]
+    """σ from goals: of what is furthest of what is asked, or the rms of more than 12.
+
+    Of several goals, one for each state, all ask for the same components.
+    """
+    spread = np.asarray(agent.scale.spread)
+    pairs = inputs.pairs(states, goal, agent.state_names)
+    off = apart(pairs.states, pairs.goals, agent.state_names, spread)[:, None]
+    measure = metrics.rms if metrics.chief(off.shape[-1]) == "rms" else metrics.largest
+    return measure(off, np.ones((1, off.shape[-1])))[:, 0]
 
 
 @dataclass
@@ -47,18 +52,13 @@ class Pursuit:
         """Whether it has had its time; a goal has no end."""
         return self.skill is not None and self.steps >= self.skill.steps
 
-    def goes_on(
-        self,
-        state: Float32[np.ndarray, " state"],
-        goal: Float[np.ndarray, " state"],
-        spread: Float[np.ndarray, " state"],
-    ) -> None:
-        """A control step has led to a state."""
+    def goes_on(self, state: Float32[np.ndarray, " state"], distance: float) -> None:
+        """A control step has led to a state, so many σ from the goal."""
         self.steps += 1
         if self.skill is not None:
             if self.steps <= self.skill.steps:
                 self.states.append(state)
-        elif self.reached is None and distance(state[None], goal, spread)[0] <= REACHED:
+        elif self.reached is None and distance <= REACHED:
             self.reached = self.steps
 
     def judge(self, env: BodyVectorEnv) -> None:

@@ -10,6 +10,7 @@ from everystate.agent import Agent, step_seed
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
 from everystate.evaluation import perform, warn_of_another_model
+from everystate.goals import Goal
 from everystate.skills import skill as skill_of
 from everystate.viewing.pursuit import distance
 
@@ -55,31 +56,31 @@ def record_skill(agent: Agent, name: str, *, plan: bool, seed: int) -> Recording
     )
 
 
-def record_goal(
-    agent: Agent, goal: Sequence[float], *, steps: int, plan: bool, seed: int
-) -> Recording:
-    """From where the body begins to one goal, which it then tries to keep."""
-    goals = np.tile(np.asarray(goal, dtype=np.float32), (steps, 1))
-    return _recording(agent, "to a goal", *_sent(agent, goals, plan=plan, seed=seed))
+def record_goal(agent: Agent, goal: Goal, *, steps: int, plan: bool, seed: int) -> Recording:
+    """From where the body begins to one goal, whole or in part, which it then tries to keep."""
+    states, goals = _sent(agent, [goal] * steps, plan=plan, seed=seed)
+    return _recording(agent, "to a goal", states, goals, goal)
 
 
 def record_exploration(agent: Agent, *, steps: int, plan: bool, seed: int) -> Recording:
     """As in training: to goals that the agent proposes, each for an equal share of the steps."""
     proposed = agent.propose_goals(EXPLORED, seed)
-    goals = proposed[np.arange(steps) * EXPLORED // steps]
+    goals = list(proposed[np.arange(steps) * EXPLORED // steps])
     return _recording(agent, "to goals of its own", *_sent(agent, goals, plan=plan, seed=seed))
 
 
 def _sent(
-    agent: Agent, goals: Float32[np.ndarray, "steps state"], *, plan: bool, seed: int
+    agent: Agent, goals: Sequence[Goal], *, plan: bool, seed: int
 ) -> tuple[Float32[np.ndarray, "_ state"], Float32[np.ndarray, "_ state"]]:
+    """States, and the whole goals that the agent made of each goal in them."""
     env = body_of(agent, seed)
     observations, _ = env.reset(seed=seed)
-    states = [observations]
+    states, whole = [observations], []
     for step, goal in enumerate(goals):
-        actions = agent.act(states[-1], goal, plan=plan, seed=step_seed(seed, step))
+        whole.append(agent.complete(states[-1], goal))
+        actions = agent.act(states[-1], whole[-1], plan=plan, seed=step_seed(seed, step))
         states.append(env.step(actions)[0])
-    return np.concatenate(states), np.concatenate([goals, goals[-1:]])
+    return np.concatenate(states), np.concatenate([*whole, whole[-1]])
 
 
 def _recording(
@@ -87,6 +88,7 @@ def _recording(
     title: str,
     states: Float32[np.ndarray, "steps state"],
     goals: Float[np.ndarray, "steps state"],
+    asked: Goal | None = None,
 ) -> Recording:
     goals = goals.astype(np.float32)
     return Recording(
@@ -94,5 +96,5 @@ def _recording(
         states,
         goals,
         np.asarray(agent.steps_to_goal(states, goals)),
-        distance(states, goals, np.asarray(agent.scale.spread)),
+        distance(agent, states, goals if asked is None else asked),
     )

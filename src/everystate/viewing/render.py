@@ -1,10 +1,10 @@
 """One film of an agent: what `everystate render` does."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from everystate.agent import load
 from everystate.errors import EverystateError
+from everystate.goals import Goal
 from everystate.viewing import recording, video
 
 
@@ -13,7 +13,7 @@ def render(
     out: Path | None = None,
     *,
     skill: str | None = None,
-    goal: Sequence[float] | None = None,
+    goal: Goal | None = None,
     explore: bool = False,
     steps: int = 250,
     plan: bool | None = None,
@@ -26,7 +26,7 @@ def render(
         run: run folder, exported agent, or the name of one that comes with everystate.
         out: a file to be made, .mp4, .gif or .png; by default BODY-WHAT.mp4 here.
         skill: name of a skill of its body.
-        goal: a state, in the body's units.
+        goal: a state, in the body's units, or a part of one, as `Agent.act` takes it.
         explore: go to goals that the agent proposes.
         steps: control steps of a goal or of exploring.
         plan: act by planning ahead, or by the policy; None: as the agent says.

@@ -10,6 +10,7 @@ from everystate.agent import Agent, Performance, step_seed
 from everystate.envs import BodyVectorEnv, MujocoVectorEnv, make, parse_options
 from everystate.errors import EverystateError
 from everystate.evaluation import suites, warn_of_another_model
+from everystate.goals import Goal
 from everystate.viewing.pursuit import Pursuit, distance
 from everystate.viewing.push import pulled
 from everystate.viewing.recording import Recording
@@ -56,6 +57,7 @@ class World:
     def _begin(self, state: State) -> None:
         self.state = state
         self._states = self._goals = np.tile(state, (REMEMBERED, 1))
+        self._distances = np.zeros(REMEMBERED)
         self._trail, self.heading = np.zeros((REMEMBERED, 2)), 0.0
         self._lived = 0
         self.send(state, "stay here")
@@ -65,19 +67,25 @@ class World:
         self._begin(self.env.reset()[0][0])
 
     @property
-    def goal(self) -> State:
-        """Where it is going: of a skill, the goal that is next."""
-        return self._performance.goal if self._performance else self._goal
+    def asked(self) -> Goal:
+        """What it was sent to: of a skill, the goal that is next."""
+        return self._performance.goal if self._performance else self._asked
 
-    def send(self, goal: Float[np.ndarray, " state"], name: str = "goal") -> None:
-        """Goes to a state, and stays there if it can."""
+    def send(self, goal: Goal, name: str = "goal") -> None:
+        """Goes to a state, or a part of one, and stays there if it can.
+
+        Raises:
+            EverystateError: see `Agent.act`.
+        """
+        self.goal: State = self.agent.complete(self.state, goal)
         self._performance: Performance | None = None
-        self._goal: State = np.asarray(goal, dtype=np.float32)
+        self._asked = goal
         self._pursue(name)
 
     def perform(self, skill: str) -> None:
         """Performs a named skill, and goes on with its last goal."""
         self._performance = self._acting().perform(skill, plan=self.plan, seed=self._seed)
+        self.goal = self._performance.goal
         self._pursue(skill)
 
     def _pursue(self, name: str) -> None:
@@ -126,7 +134,8 @@ class World:
 
     def step(self) -> None:
         """One control step."""
-        goal, actor = self.goal, self._acting()
+        actor, asked = self._acting(), self.asked
+        goal = self.goal = actor.complete(self.state, asked)
         seed = step_seed(self._seed, self.steps)
         self.ahead = None
         if self.plan:
@@ -147,7 +156,8 @@ class World:
             self._trail = np.concatenate([self._trail[1:], self._trail[-1:] + np.array([x, y])])
         self._states = np.concatenate([self._states[1:], self.state[None]])
         self._goals = np.concatenate([self._goals[1:], goal[None]])
-        self.pursuit.goes_on(self.state, goal, np.asarray(self.agent.scale.spread))
+        self._distances = np.append(self._distances[1:], distance(actor, self.state[None], asked))
+        self.pursuit.goes_on(self.state, self._distances[-1])
 
     @property
     def trail(self) -> Float[np.ndarray, "steps 2"] | None:
@@ -160,7 +170,7 @@ class World:
         states, goals = self._states, self._goals
         return Thoughts(
             self.agent.steps_to_goal(states, goals),
-            distance(states, goals, np.asarray(self.agent.scale.spread)),
+            self._distances,
             self.agent.log_density(states),
         )
 
