@@ -12,7 +12,8 @@ from everystate.errors import EverystateError, suggest
 from everystate.features import Feature, features, parts
 
 Number = ArrayLike | float | int
-Goal = ArrayLike | Sequence[float | int] | Mapping[str, Number]
+States = ArrayLike | Sequence[float | int]
+Goal = States | Mapping[str, Number]
 """A whole state, in the order of a body's components; or what is asked of it, by name."""
 _TOLERANCE = 0.1
 """How far a direction that is asked for may be off length 1; it is then made so."""

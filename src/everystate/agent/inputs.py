@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
-from numpy.typing import ArrayLike
 
 from everystate.errors import EverystateError
-from everystate.goals import Asked, Goal, asked
+from everystate.goals import Asked, Goal, States, asked
 
 
 class Pairs(NamedTuple):
@@ -20,7 +19,7 @@ class Pairs(NamedTuple):
     """Whether both came without a batch axis."""
 
 
-def pairs(observation: ArrayLike, goal: Goal, names: Sequence[str]) -> Pairs:
+def pairs(observation: States, goal: Goal, names: Sequence[str]) -> Pairs:
     """Both as batches of the same length.
 
     Raises:
@@ -43,7 +42,7 @@ def pairs(observation: ArrayLike, goal: Goal, names: Sequence[str]) -> Pairs:
     return Pairs(np.broadcast_to(states, components.shape), Asked(components, features), single)
 
 
-def checked(what: str, value: ArrayLike, names: Sequence[str]) -> Float32[np.ndarray, "*n state"]:
+def checked(what: str, value: States, names: Sequence[str]) -> Float32[np.ndarray, "*n state"]:
     """A state, or a batch of them; of a goal NaN is what it does not ask for.
 
     Raises:

@@ -2,8 +2,9 @@
 
 Such a feature is read off states, and can be set in them: the state that is nearest in kind, with
 the feature as asked. Bodies have them by the names of their components: a body that moves freely
-(`torso_z`, `torso_xx`, ..., `torso_wz`) and a joint that turns right round (`cos_pole`,
-`sin_pole`). Both directions take NumPy's and JAX's arrays alike.
+(`torso_z`, `torso_xx`, ..., `torso_wz`; or without the way it faces `base_z`, `base_upx`, ...,
+`base_wz`) and a joint that turns right round (`cos_pole`, `sin_pole`). Both directions take NumPy's
+and JAX's arrays alike.
 """
 
 from collections.abc import Sequence
