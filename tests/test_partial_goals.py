@@ -1,5 +1,7 @@
 """Goals that ask for a part of a state, and the whole ones that an agent makes of them."""
 
+import importlib
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,12 +10,17 @@ import numpy as np
 import pytest
 
 import everystate
-from everystate import preset
+from everystate import goals, preset
 from everystate.errors import EverystateError
+from everystate.evaluation import suites
 from everystate.features import parts
-from everystate.learning.completion import Atlas, completed
+from everystate.learning import completion
+from everystate.learning.completion import Atlas
 from everystate.learning.models import Models, Scale
 from everystate.skills.ant import STANDS, state
+from everystate.viewing.recording import record_goal
+
+measure = importlib.import_module("everystate.evaluation.measure")
 
 HANGING = np.array([0.3, -1, 0, 0, 0], np.float32)
 
@@ -88,42 +95,115 @@ def test_an_ant_is_sent_by_what_people_say():
     assert {name: found[name] for name in asked} == pytest.approx(asked, abs=1e-2)
 
 
-def choose(*, calm: list[bool], near: list[float], held: list[float]) -> float:
+def choose(
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    near: Sequence[float] = (0, 0, 0, 0),
+    held: Sequence[float] = (-50, -50, -50, -50),
+    gets_to: int | None = None,
+) -> float:
     """The free second component of the completion of x = 1, of three states and the present.
 
-    By stand-ins for V: `near` of passing a goal from here, `held` of holding it from here, and of
-    each goal whether it can be held, by its free component: 1, 2, 3, and 0 of the present.
+    By stand-ins for d and V: the policy gets to one of the goals, or stays where it is; V of
+    passing a goal, before its sigmoid, and of holding it. Goals go by their free component: 1, 2,
+    3, and 0 of the present.
     """
-    config = replace(preset("any"), discount=0.99)
-    tables = jnp.array(near, float), jnp.array(held, float), jnp.array(calm)
 
-    def at(goal: Any, table: Any) -> Any:
-        return table[jnp.round(goal[1]).astype(int)]
+    def way(_: Any, act: Any, state: Any, latents: Any) -> Any:
+        return jnp.concatenate([state[None], jnp.tile(act(jnp.int32(0), state), (len(latents), 1))])
 
-    def hold(s: Any, g: Any) -> Any:
-        return jnp.where((s == g).all(), jnp.where(at(g, tables[2]), 0.0, -50.0), at(g, tables[1]))
+    def policy(_: Any, __: Any, state: Any, goal: Any) -> Any:
+        return jnp.where(jnp.round(goal[1]) == gets_to, goal, state)
 
-    def passes(_: Any, g: Any) -> Any:
-        return at(g, tables[0])
+    monkeypatch.setattr(completion, "rolled", way)
+    monkeypatch.setattr(completion, "central", policy)
+
+    def known_by(table: Sequence[float]) -> Any:
+        return lambda _, goal: jnp.array(table, float)[jnp.round(goal[1]).astype(int)]
 
     none: Any = None
-    models = Models(none, none, none, none, (hold, passes))  # pyright: ignore[reportArgumentType]
+    models = Models(none, none, none, none, (known_by(held), known_by(near)))
     states = jnp.stack([jnp.ones(40), 1.0 + jnp.arange(40.0) % 3], axis=1)
-    atlas = Atlas(states, jnp.array(calm)[states[:, 1].astype(int)])
+    atlas = Atlas(states, jnp.zeros(40, bool))
     here, asked = jnp.array([5.0, 0.0]), jnp.array([1.0, jnp.nan])
-    unit = Scale(jnp.zeros(2), jnp.ones(2))
-    goal = completed(config, models, unit, (), atlas, here, asked, {})
+    known = replace(preset("any"), discount=0.99), models, Scale(jnp.zeros(2), jnp.ones(2))
+    goal = completion.completed(*known, (), atlas, here, asked, {})
     assert goal[0] == 1
     return float(goal[1])
 
 
-def test_what_can_be_held_comes_first_and_of_it_what_costs_least():
-    assert choose(calm=[False, True, True, False], near=[9, 1, 2, 8], held=[0, -30, -20, -1]) == 2
+def test_of_what_fits_the_agent_goes_to_what_it_can_keep(monkeypatch):
+    assert choose(monkeypatch, held=[-50, -30, -5, -20]) == 2
 
 
-def test_where_nothing_can_be_held_the_nearest_is_passed():
-    assert choose(calm=[False] * 4, near=[1, 2, 3, 9], held=[0, 0, 0, -40]) == 3
+def test_or_to_what_it_meets_soonest(monkeypatch):
+    assert choose(monkeypatch, near=[0, 0, 0, 9]) == 3
 
 
-def test_the_present_state_is_a_choice_too():
-    assert choose(calm=[True] * 4, near=[0, 0, 0, 0], held=[-1, -5, -6, -7]) == 0
+def test_the_present_state_is_a_choice_too(monkeypatch):
+    assert choose(monkeypatch, near=[9, 0, 0, 0]) == 0
+
+
+def test_what_is_met_on_the_imagined_way_counts_more_than_what_v_says(monkeypatch):
+    assert choose(monkeypatch, near=[0, 0, 4, 0], gets_to=1) == 1
+
+
+def test_an_agent_carries_states_that_it_has_visited(tmp_path, cartpole):
+    seen = np.tile(np.array([0.5, 0, 1, 0, 0], np.float32), (1024, 1))
+    exported = replace(cartpole, visited=seen).export(tmp_path / "agent")
+    loaded = everystate.load(exported)
+    assert loaded.visited is not None
+    assert np.array_equal(loaded.visited, seen)
+    np.testing.assert_allclose(loaded._atlas.states, seen, atol=1e-5)
+    assert cartpole.visited is None  # of a format before: it imagines what fits
+    assert len(cartpole._atlas.states) == 4096
+
+
+def test_a_checkpoint_has_visited_states(tmp_path):
+    everystate.train(preset("test", epochs=1), run_dir=tmp_path / "run")
+    agent = everystate.load(tmp_path / "run")
+    assert agent.visited is not None
+    assert agent.visited.shape == (1024, len(agent.state_names))
+    assert np.ptp(agent.visited, axis=0).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "goal"),
+    [
+        (["1", "-2.5e-1"], (1.0, -0.25)),
+        (["height=0.6", "forward_velocity=-.5"], {"height": 0.6, "forward_velocity": -0.5}),
+    ],
+)
+def test_a_goal_as_it_is_written_on_the_command_line(words, goal):
+    assert goals.read(words) == goal
+
+
+@pytest.mark.parametrize("words", [["height=", "1"], ["1", "x=2"], ["x=1", "x=2"], ["up"], ["=1"]])
+def test_words_that_are_no_goal(words):
+    with pytest.raises(EverystateError, match="NAME=NUMBER"):
+        goals.read(words)
+
+
+def test_how_far_it_is_from_what_is_asked():
+    names = ("cart", "cos_pole", "sin_pole")
+    wanted, _ = goals.asked({"cart": 1.0, "pole_angle": 170.0}, names)
+    state = np.array([[2.0, np.cos(np.radians(-170)), np.sin(np.radians(-170))]])
+    off = goals.apart(state, wanted, names, np.array([2.0, 1.0, 1.0]))
+    np.testing.assert_allclose(off, [[0.5, np.radians(20) * np.sqrt(3)]], atol=1e-5)
+
+
+def test_a_suite_of_partial_goals_asks_for_no_more_and_scores_no_more(cartpole):
+    suite = suites.load("cartpole", "parts", split="tune").subset(8)
+    wanted = suite.asked(cartpole.state_names)
+    assert np.array_equal(np.isnan(wanted), suite.weights == 0)
+    assert ((~np.isnan(wanted)).sum(axis=1) <= 4).all()
+    assert "parts" not in suites.names("cartpole")
+    found = measure.measure(cartpole, suite, plan=False)
+    assert found["score"]["all"] >= 0.75
+
+
+def test_a_film_of_a_part_of_a_state_tells_the_distance_from_that_alone(cartpole):
+    recorded = record_goal(cartpole, {"cart": 0.5}, steps=50, plan=False, seed=0)
+    off = np.abs(recorded.states[:, 0] - 0.5) / cartpole.units["cart"].spread
+    np.testing.assert_allclose(recorded.distance, off, atol=1e-5)
+    assert recorded.goals[:, 0] == pytest.approx(0.5, abs=1e-5)

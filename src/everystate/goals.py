@@ -82,7 +82,7 @@ def read(words: Sequence[str]) -> tuple[float, ...] | dict[str, float]:
             " for what you ask for, as in height=0.6 forward_velocity=0.5"
         ) from error
     names = [name for name, *_ in pairs]
-    if not any(names):
+    if not any(equals for _, equals, _ in pairs):
         return tuple(values)
     if "" in names or len(set(names)) < len(names):
         raise EverystateError(

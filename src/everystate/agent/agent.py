@@ -139,8 +139,9 @@ class Agent:
     def complete(self, observation: ArrayLike, goal: Goal) -> Float32[np.ndarray, "*n state"]:
         """The whole state for which the agent makes at the moment, sent to a part of one.
 
-        Of the states that fit what is asked, as far as the agent knows them, one that it can stay
-        in, if there is such, and the nearest by V. It is chosen anew at every step.
+        Of the states that fit what is asked, as far as the agent knows them, that on the way to
+        which, as it imagines it, what is asked is met soonest and longest. It is chosen anew at
+        every step.
         """
         _, goals, single = self._pairs(observation, goal)
         given = inputs.pairs(observation, goal, self.state_names).goals.components

@@ -1,11 +1,11 @@
 """Whole goals for what asks for a part of a state: of many that fit, the best from here."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from everystate.config import Config
 from everystate.features import Part
@@ -15,10 +15,17 @@ from everystate.learning.goals import imagined
 from everystate.learning.keys import named
 from everystate.learning.models import Models, Scale
 from everystate.learning.objectives import HOLD, PASS, holdable, worths
+from everystate.learning.policy import central
 from everystate.learning.state import AgentState
+from everystate.learning.ways import rolled
 
 _VISITED, _IMAGINED = 1024, 4096
 _CHOICES = 32
+_STEPS = 8
+_NEAR = 0.3
+"""σ within which what is asked is met, as the kernel of the default has it."""
+_LASTS = 2.0
+"""What it is worth to stay where what is asked is met, beside meeting it."""
 _OUT = 1e6
 """Farther than any state is from what is asked."""
 
@@ -64,15 +71,17 @@ def completed(
     components: Float[Array, " s"],
     features: Mapping[str, Float[Array, ""]],
 ) -> Float[Array, " s"]:
-    """A state as asked, in the body's units: one to stay in if there is one, the nearest by V.
+    """The state as asked, in the body's units, by which what is asked is met soonest and longest.
 
     Candidates are the states of the atlas that come nearest to what is asked, as many again of
     those to stay in, and the present state. In each, what is asked is set, and the rest left as it
-    is. So the goal moves on with the body as long as it is chosen anew at every step.
+    is. On the way that the policy goes to each, by d, only what is asked counts for the first
+    steps, then what V says of the rest. So the goal moves on with the body as long as it is chosen
+    anew at every step.
 
     Args:
         config: hyper-parameters.
-        models: their `values`.
+        models: their policies, d and V.
         scale: the units of the body.
         parts: of the body, as in `everystate.features`.
         atlas: of the agent.
@@ -88,8 +97,15 @@ def completed(
     ]
     candidates = jnp.concatenate([atlas.states[jnp.concatenate(nearest)], state[None]])
     candidates = jax.vmap(lambda s: _as_asked(s, parts, asked))(candidates)
-    best = _best(config, models, scale.scaled(state), scale.scaled(candidates))
-    return candidates[best]
+    here = scale.scaled(state)
+
+    def near(scaled: Float[Array, " s"]) -> Float[Array, ""]:
+        square = _apart(scale.unscaled(scaled), scale, parts, asked)
+        return jnp.exp(-square / (count * _NEAR**2))
+
+    count = len(features) + jnp.sum(~jnp.isnan(components), dtype=jnp.float32)
+    goals = scale.scaled(candidates)
+    return candidates[jax.vmap(lambda g: _worth(config, models, near, here, g))(goals).argmax()]
 
 
 class Asked(NamedTuple):
@@ -124,13 +140,29 @@ def _as_asked(
     return state
 
 
-def _best(
-    config: Config, models: Models, here: Float[Array, " s"], there: Float[Array, "n s"]
-) -> Int[Array, ""]:
-    """Which of the goals, scaled, costs least: among those to stay in, or else to pass."""
-    worth = jax.vmap(lambda goal: worths(config, models.values, here, goal))(there)
+def _worth(
+    config: Config,
+    models: Models,
+    near: Callable[[Float[Array, " s"]], Float[Array, ""]],
+    here: Float[Array, " s"],
+    goal: Float[Array, " s"],
+) -> Float[Array, ""]:
+    """How well and how soon what is asked is met on the way to a whole goal, and for how long.
+
+    The two counts are those of the objectives [D31], with what is asked in the place of the goal
+    for as long as the way is imagined.
+    """
+
+    def act(_: Array, s: Float[Array, " s"]) -> Float[Array, " a"]:
+        return central(config, models, s, goal)
+
+    way = rolled(models, act, here, jnp.zeros((_STEPS, here.size)))
+    met = jax.vmap(near)(way[1:])
+    after = worths(config, models.values, way[-1], goal)
+    fades = config.discount ** jnp.arange(_STEPS + 1.0)
+    stays = jnp.sum(fades[:-1] * (met - 1)) + fades[-1] * after[HOLD]
     if len(models.values) == 1:
-        return worth[:, 0].argmax()
-    calm = jax.vmap(lambda goal: holdable(config, models.values, goal))(there)
-    held = jnp.where(calm, worth[:, HOLD], -jnp.inf).argmax()
-    return jnp.where(calm.any(), held, worth[:, PASS].argmax())
+        return stays
+    later = 1 + (1 - config.discount) * after[PASS]
+    hits = jnp.maximum(jnp.max(fades[:-1] * met), fades[-1] * later)
+    return hits + _LASTS * (1 - config.discount) * stays
