@@ -1,7 +1,8 @@
 """How long one action takes on one core: `python benchmarks/acting.py [--out FILE] [--rounds N]`.
 
-The shipped agents, one state and one goal at a time, by the policy and with planning; medians over
-rounds that take turns, in milliseconds, beside the body's control step: what is below is real time.
+The shipped agents, one state and one goal at a time, by the policy, with planning, and towards a
+goal that asks for one component; medians over rounds that take turns, in milliseconds, beside the
+body's control step: what is below is real time.
 """
 
 import os
@@ -17,10 +18,11 @@ from everystate.envs import make
 AGENTS = ("ramp-pointmass", "cartpole", "ant")
 
 
-def action_ms(agent: everystate.Agent, state: np.ndarray, *, plan: bool, seed: int) -> float:
+def action_ms(agent: everystate.Agent, state: np.ndarray, *, how: str, seed: int) -> float:
     """Milliseconds of one call."""
+    part = {agent.state_names[0]: float(state[0])}
     started = time.perf_counter()
-    agent.act(state, state, plan=plan, seed=seed)
+    agent.act(state, part if how == "part" else state, plan=how == "planning", seed=seed)
     return 1000 * (time.perf_counter() - started)
 
 
@@ -34,13 +36,12 @@ def main() -> None:
     for name in AGENTS:
         agent, env = everystate.load(name), make(name, 1, 0)
         state = env.reset(seed=0)[0][0]
-        times: dict[bool, list[float]] = {False: [], True: []}
+        times: dict[str, list[float]] = {how: [] for how in ("policy", "planning", "part")}
         for i in range(options.rounds + 5):
-            for plan, taken in times.items():
-                taken.append(action_ms(agent, state, plan=plan, seed=i))
-        policy, planning = (statistics.median(taken[5:]) for taken in times.values())
-        step = 1000 * (env.control_step or float("nan"))
-        result[name] = {"policy_ms": policy, "planning_ms": planning, "control_step_ms": step}
+            for how, taken in times.items():
+                taken.append(action_ms(agent, state, how=how, seed=i))
+        result[name] = {f"{how}_ms": statistics.median(x[5:]) for how, x in times.items()}
+        result[name]["control_step_ms"] = 1000 * (env.control_step or float("nan"))
     benchmark.show(result, as_json=options.json, out=options.out)
 
 

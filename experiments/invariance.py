@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 import everystate
 from everystate import Agent
-from everystate.agent.files import read_json
+from everystate.agent.json_files import read_json
 from everystate.config import Config
 from everystate.envs import Cartpole
 from everystate.evaluation import raw, suites

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 import everystate
 from everystate import envs
-from everystate.agent.files import read_json
+from everystate.agent.json_files import read_json
 from everystate.evaluation import raw
 from everystate.studies import Study
 from everystate.studies.runs import MEASURED, finished

@@ -12,7 +12,7 @@ from typing import Any
 import seeds
 
 from everystate import evaluation
-from everystate.agent.files import read_json
+from everystate.agent.json_files import read_json
 from everystate.evaluation import raw
 from everystate.skills import SKILLS
 from everystate.studies import Study

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from everystate import studies
-from everystate.agent.files import read_lines
+from everystate.agent.json_files import read_lines
 from everystate.studies import Study, summary
 from everystate.studies.runs import finished
 

@@ -21,11 +21,11 @@ from everystate.agent import (
     config_to_json,
     files,
     load,
+    loading,
     named_arrays,
     skeleton,
     with_arrays,
 )
-from everystate.agent import agent as agent_module
 from everystate.agent.formats import STEEP, brought_up
 from everystate.config import FlowFamily
 from everystate.errors import EverystateError
@@ -216,7 +216,7 @@ def test_what_drives_an_agent_best_travels_with_it(agent: Agent, tmp_path: Path)
 
 @pytest.mark.parametrize("name", envs.BODIES)
 def test_shipped_agents_act_by_what_does_more_of_their_skills(name: str) -> None:
-    scores = json.loads((agent_module.SHIPPED / name / "agent.json").read_text())["scores"]
+    scores = json.loads((loading.SHIPPED / name / "agent.json").read_text())["scores"]
     policy, planning = scores["skills"]["policy"], scores["skills"]["planning"]
     planned = sum(planning.values()) if planning else 0.0
     expected = "plan" if planned > sum(policy.values()) else "policy"
@@ -316,7 +316,7 @@ def test_shipped_agents_load_by_name(
     agent: Agent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     agent.export(tmp_path / "shipped" / "ramp")
-    monkeypatch.setattr(agent_module, "SHIPPED", tmp_path / "shipped")
+    monkeypatch.setattr(loading, "SHIPPED", tmp_path / "shipped")
     monkeypatch.chdir(tmp_path)
     assert load("ramp").config == agent.config
     with pytest.raises(EverystateError, match="did you mean 'ramp'"):

@@ -135,6 +135,14 @@ def test_the_page_on_agents_elsewhere(capsys: pytest.CaptureFixture) -> None:
     assert "angle from upright" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("small")
+def test_the_page_on_parts_of_states() -> None:
+    left = read("docs/goals.md", {})
+    assert left["whole"][1] == pytest.approx(1, abs=1e-4)
+    assert left["whole"][3:] == pytest.approx([0, 0], abs=1e-4)
+    assert Path("cartpole-goal.mp4").exists()
+
+
 @pytest.mark.peers
 @pytest.mark.usefixtures("small")
 def test_the_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:

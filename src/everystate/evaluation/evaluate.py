@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from everystate.agent import config_to_json, load
-from everystate.agent.files import read_lines
+from everystate.agent.json_files import read_lines
 from everystate.evaluation import suites
 from everystate.evaluation.agents import Agent
 from everystate.evaluation.counting import Counting, OnStep

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from everystate import envs
-from everystate.agent.files import read_json
+from everystate.agent.json_files import read_json
 from everystate.envs import BodyVectorEnv, Physics
 from everystate.errors import EverystateError, suggest
 from everystate.evaluation import metrics

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from everystate.agent.files import read_json
+from everystate.agent.json_files import read_json
 from everystate.errors import EverystateError
 from everystate.evaluation import raw, suites
 from everystate.evaluation.provenance import provenance

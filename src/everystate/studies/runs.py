@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 from everystate import evaluation, training
 from everystate.agent import config_to_json
-from everystate.agent.files import read_json
+from everystate.agent.json_files import read_json
 from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.evaluation import raw, suites

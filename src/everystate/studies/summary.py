@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from everystate.agent.files import read_json
+from everystate.agent.json_files import read_json
 from everystate.evaluation import raw
 from everystate.evaluation.aggregate import over_seeds, summary
 from everystate.studies.runs import MEASURED

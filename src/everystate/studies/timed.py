@@ -19,7 +19,7 @@ import numpy as np
 
 from everystate import evaluation, training
 from everystate.agent import load
-from everystate.agent.files import read_json
+from everystate.agent.json_files import read_json
 from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.evaluation import raw

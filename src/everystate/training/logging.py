@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from everystate.agent.files import read_lines
+from everystate.agent.json_files import read_lines
 from everystate.training.rundir import write_atomically
 
 Show = Literal["bar", "plain", "nothing"]

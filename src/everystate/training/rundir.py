@@ -20,7 +20,8 @@ from typing import Any
 
 from everystate import config_file, locks
 from everystate.agent import BodyInfo, config_to_json, config_to_plain
-from everystate.agent.files import BODY, read_json
+from everystate.agent.files import BODY
+from everystate.agent.json_files import read_json
 from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import PRESETS, preset
