@@ -207,6 +207,32 @@ def test_as_a_program_it_goes_to_the_same_goal(plan: bool) -> None:
     assert np.abs(left["observations"] - left["goal"]).max() < 0.3
 
 
+def test_a_part_of_a_state_is_pursued_alone_and_its_whole_shown(world: World) -> None:
+    world.send({"y": -0.5}, "y=-0.5")
+    for _ in range(40):
+        world.step()
+    assert abs(world.state[1] + 0.5) < 0.2
+    assert world.pursuit.reached is not None
+    assert world.goal[1] == pytest.approx(-0.5)
+    off = abs(world.state[1] + 0.5) / world.agent.units["y"].spread
+    assert world.thoughts().distance[-1] == pytest.approx(off, abs=1e-5)
+    with pytest.raises(EverystateError, match="'z'"):
+        world.send({"z": 1})
+    assert world.asked == {"y": -0.5}  # as before
+    left: dict[str, Any] = {}
+    code = as_python(world, "ramp-pointmass").replace("range(250)", "range(40)")
+    exec(compile(code, "snippet", "exec"), left)
+    assert left["goal"] == {"y": -0.5}
+    assert abs(left["observations"][0, 1] + 0.5) < 0.2
+
+
+def test_the_panel_takes_what_matters_in_words(studio: Studio) -> None:
+    studio._panel.ask("y=-0.5")
+    assert studio.world.asked == {"y": -0.5}
+    with pytest.raises(EverystateError, match="NAME=NUMBER"):
+        studio._panel.ask("up")
+
+
 def test_components_are_grouped() -> None:
     def sizes(body: str) -> dict[str, tuple[int, bool]]:
         env = make(body, 1, 0)

@@ -11,6 +11,7 @@ import viser
 from jaxtyping import Float
 from mujoco import mjtJoint
 
+from everystate import goals
 from everystate.envs import MujocoVectorEnv
 from everystate.skills import SKILLS
 from everystate.viewing import plots
@@ -72,6 +73,7 @@ class Panel:
             "stay here": lambda: world.send(world.state, "stay here"),
         }
         self._buttons("goal", sent, "a goal it proposes, one of the evaluation's, its own state")
+        self._add_asking()
         touched = {"push": world.push, "start over": world.restart}
         self._buttons("body", touched, "keys P and R; or drag the body with the mouse, and let go")
         kept = {"GIF": film, "Python": self._show_python}
@@ -80,6 +82,23 @@ class Panel:
         group.on_click(lambda event: event.client and kept[group.value](event.client))
         self._key("push", "P", partial(self._do, "body", world.push))
         self._key("start over", "R", partial(self._do, "body", world.restart))
+
+    def _add_asking(self) -> None:
+        """Where one says what matters, and nothing of the rest."""
+        agent = self._world.agent
+        every = ", ".join([*agent.feature_names, *agent.state_names])
+        hint = f"what matters, and no more, as {every.split(',')[0]}=0.5; names: {every}"
+        words = self._gui.add_text("ask for", "", hint=hint)
+        send = self._gui.add_button("go there, whatever the rest")
+        send.on_click(lambda _: self._do("goal", partial(self.ask, words.value)))
+
+    def ask(self, words: str) -> None:
+        """Sends the body to what is written, as in `everystate render --goal`.
+
+        Raises:
+            EverystateError: no goal, or none of this body.
+        """
+        self._world.send(goals.read(words.split()), words)
 
     def _add_sliders(self, components: list[int]) -> None:
         env, goal = self._world.env, self._world.goal.tolist()

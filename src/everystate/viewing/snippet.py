@@ -1,5 +1,9 @@
 """What the studio shows, as a program of its user's."""
 
+from collections.abc import Mapping
+
+import numpy as np
+
 from everystate.envs import parse_options
 from everystate.viewing.world import World
 
@@ -9,19 +13,22 @@ def as_python(world: World, agent: str) -> str:
     env = world.env
     options = parse_options(world.agent.config.body_options)
     given = "".join(f", {name}={value!r}" for name, value in options.items())
-    goal = "\n".join(
-        f"    {value:.4g},  # {name}" + (f", {unit}" if unit != "1" else "")
-        for name, unit, value in zip(env.state_names, env.state_units, world.goal, strict=True)
-    )
+    if isinstance(world.asked, Mapping):
+        goal = str({name: np.asarray(value).item() for name, value in world.asked.items()})
+    else:
+        columns = zip(env.state_names, env.state_units, world.goal, strict=True)
+        lines = (
+            f"    {value:.4g},  # {name}" + (f", {unit}" if unit != "1" else "")
+            for name, unit, value in columns
+        )
+        goal = "[\n" + "\n".join(lines) + "\n]"
     plan = ", plan=True, seed=step" if world.plan else ""
     return f"""import everystate
 from everystate.envs import make
 
 agent = everystate.load({agent!r})
 env = make({world.agent.config.body!r}, num_envs=1{given})
-goal = [
-{goal}
-]
+goal = {goal}
 observations, _ = env.reset(seed=0)
 for step in range(250):
     observations = env.step(agent.act(observations, goal{plan}))[0]
