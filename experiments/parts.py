@@ -1,7 +1,7 @@
 """How well parts of states are reached: python experiments/parts.py [--runs RUNS].
 
-Of the runs that `one_set.py` made, the first of each body that has suites of parts: on these, beside
-random actions and doing nothing. Writes results/parts/NAME-SEED.json; what is there is left.
+Of the runs that `one_set.py` made, the first of each body that has suites of parts: on these,
+beside random actions and doing nothing. Writes results/parts/NAME-SEED.json; what is there is left.
 """
 
 import argparse

@@ -35,6 +35,27 @@ def one_set() -> Rows:
     return rows
 
 
+@table
+def parts() -> Rows:
+    """A row per suite: the policy's readings within 0.5 σ, by how much is asked, and references."""
+    numbers = range(1, 6)
+    heads = ["body, suite", "end@0.5", "hit@0.5", *(f"{n} asked, score" for n in numbers)]
+    rows = [[*heads, "random actions, score", "doing nothing, score"]]
+    for path in sorted((RESULTS / "parts").glob("*.json")):
+        run = read(f"parts/{path.name}")
+        for name in run["suites"]:
+            one = "suites", name, "policy"
+            cells = [percent(at(run, *one, "success", "max", "all", "0.5", r)) for r in _READINGS]
+            cells += [percent(at(run, *one, "score", f"{n} asked")) for n in numbers]
+            for other in ("random actions", "doing nothing"):
+                cells.append(percent(at(run, "suites", name, "references", other, "score", "all")))
+            rows.append([f"{run['body']}, `{name}`", *cells])
+    return rows
+
+
+_READINGS = "end", "hit"
+
+
 def _range(shares: list[float]) -> str:
     """The median, and the least and the most of several."""
     if not shares:
