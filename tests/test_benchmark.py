@@ -34,6 +34,16 @@ FROZEN = {
     "ant/rest-tune": "401e9a2fba02",
     "ant/motion-report": "2040dad6b939",
     "ant/motion-tune": "4ea409c6967e",
+    "ant/parts-motion-report": "98bc4f14992e",
+    "ant/parts-motion-tune": "44cd2ad28d6d",
+    "ant/parts-report": "9b1decbf1833",
+    "ant/parts-tune": "6aa101afd8fa",
+    "cartpole/parts-motion-report": "0eb68e467162",
+    "cartpole/parts-motion-tune": "88db5c6fa6c5",
+    "cartpole/parts-report": "b0326dbdf892",
+    "cartpole/parts-tune": "5ba239d19642",
+    "ramp-pointmass/parts-report": "87fad068d60e",
+    "ramp-pointmass/parts-tune": "a9c1ca37a298",
 }
 
 
