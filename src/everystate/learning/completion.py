@@ -89,7 +89,7 @@ def completed(
         components: what is asked of components of the state; NaN where nothing is.
         features: what is asked of features, by name.
     """
-    asked = Asked(components, features)
+    asked = _Asked(components, features)
     square = jax.vmap(lambda s: _apart(s, scale, parts, asked))(atlas.states)
     nearest = [
         jax.lax.top_k(-jnp.where(among, square, _OUT), _CHOICES)[1]
@@ -108,7 +108,7 @@ def completed(
     return candidates[jax.vmap(lambda g: _worth(config, models, near, here, g))(goals).argmax()]
 
 
-class Asked(NamedTuple):
+class _Asked(NamedTuple):
     """What is asked of one state: see `completed`."""
 
     components: Float[Array, " s"]
@@ -116,7 +116,7 @@ class Asked(NamedTuple):
 
 
 def _apart(
-    state: Float[Array, " s"], scale: Scale, parts: tuple[Part, ...], asked: Asked
+    state: Float[Array, " s"], scale: Scale, parts: tuple[Part, ...], asked: _Asked
 ) -> Float[Array, ""]:
     """The squared distance from what is asked, in σ."""
     square = jnp.sum(jnp.nan_to_num((state - asked.components) / scale.spread) ** 2)
@@ -130,7 +130,7 @@ def _apart(
 
 
 def _as_asked(
-    state: Float[Array, " s"], parts: tuple[Part, ...], asked: Asked
+    state: Float[Array, " s"], parts: tuple[Part, ...], asked: _Asked
 ) -> Float[Array, " s"]:
     """The state with what is asked set in it."""
     state = jnp.where(jnp.isnan(asked.components), state, asked.components)
