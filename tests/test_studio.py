@@ -437,7 +437,7 @@ def pixel(camera: Any, point: np.ndarray, scene: Any) -> tuple[float, float]:
 @pytest.mark.browser
 def test_a_slider_moves_the_ghost(browser: Any, studio: Studio) -> None:
     page, _ = opened(browser, studio)
-    field = page.get_by_role("textbox").first
+    field = page.get_by_role("textbox").nth(1)  # after that for a part of a state
     field.fill("-0.5")
     field.press("Enter")
     until(lambda: studio.world.goal[0] == pytest.approx(-0.5, abs=0.01))

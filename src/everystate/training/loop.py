@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -40,7 +41,7 @@ from everystate.training.learner import Learner, compiled
 from everystate.training.logging import Log, OnEpoch, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
 
-_visited = jax.jit(visited, static_argnums=0)
+_visited = eqx.filter_jit(visited)
 
 COMPILING = "compiling: about a minute the first time, seconds after that"
 
