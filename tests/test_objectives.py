@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from everystate.learning.objectives import HOLD, PASS, Hit, PaperSum, objectives, pursued
+from everystate.learning.objectives import (
+    FIRST_LOGIT,
+    HOLD,
+    PASS,
+    Hit,
+    PaperSum,
+    objectives,
+    pursued,
+)
 from everystate.presets import preset
 from worlds import Known
 
@@ -107,15 +115,17 @@ def test_the_error_is_least_and_zero_at_the_target(target):
     assert errors[1500] == pytest.approx(crossed - entropy, rel=1e-3, abs=1e-4)
 
 
-@pytest.mark.parametrize(("lost", "off", "by"), [
-    (0.0, 0.0, HOLD), (0.04, 0.2, HOLD), (0.04, 0.3, PASS), (0.06, 0.0, PASS), (1.0, 0.0, PASS),
+@pytest.mark.parametrize(("lost", "off", "hit", "by"), [
+    (0.0, 0.0, 0.6, HOLD), (0.04, 0.2, 0.6, HOLD), (0.04, 0.3, 0.6, PASS), (0.06, 0.0, 0.6, PASS),
+    (1.0, 0.0, 0.6, PASS), (0.04, 0.3, 0.4, HOLD), (0.06, 0.3, 0.4, PASS),
 ])  # fmt: skip
-def test_a_goal_is_passed_until_it_is_met_and_then_held_if_little_is_lost_there(lost, off, by):
+def test_a_goal_is_passed_while_it_will_be_met_and_else_held_if_little_is_lost(lost, off, hit, by):
     def held(state, goal):
         at_goal = jnp.array_equal(state, goal)
         return jnp.where(at_goal, -lost / (1 - DISCOUNT), -1 / (1 - DISCOUNT))
 
-    goal, values = jnp.ones(2), (held, lambda state, goal: jnp.zeros(()))
+    logit = jnp.log(hit / (1 - hit)) - FIRST_LOGIT
+    goal, values = jnp.ones(2), (held, lambda state, goal: logit)
     both, one = (SimpleNamespace(values=v, dynamics=Known()) for v in (values, values[:1]))
     assert int(pursued(CONFIG, both, goal - off, goal)) == by
     assert int(pursued(CONFIG, one, goal - off, goal)) == HOLD

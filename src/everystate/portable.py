@@ -29,6 +29,7 @@ DESCRIPTION = "policy"
 OPERATORS: Mapping[str, Callable[..., np.ndarray]] = {
     "Add": np.add,
     "And": np.logical_and,
+    "Or": np.logical_or,
     "Concat": lambda *parts: np.concatenate(parts, axis=1),
     "Cos": np.cos,
     "Div": np.divide,

@@ -23,7 +23,7 @@ from everystate.learning.components import factors
 from everystate.learning.flows import Centred, Conditional, ConditionalFlow
 from everystate.learning.models import Models, Scale
 from everystate.learning.networks import GoalInputs, Network
-from everystate.learning.objectives import HELD, HOLD, NEAR, PASS
+from everystate.learning.objectives import FIRST_LOGIT, HELD, HOLD, NEAR, PASS
 from everystate.portable import Policy
 
 
@@ -127,8 +127,10 @@ def _held(config: Config, models: Models, state: Traced, goal: Traced) -> Traced
     apart = _placed(config, models, state) - _placed(config, models, goal)
     k = 1 / (size * config.kernel_width**2) if config.kernel_width else config.k
     near = tape.do("Exp", apart * apart @ np.full((size, 1), -k)) >= NEAR
-    value = models.values[HOLD]
-    can = _output(value.network, _with_goal(goal, goal, value.inputs))
+    hold, passing = models.values[HOLD], models.values[PASS]
+    logit = _output(passing.network, _with_goal(state, goal, passing.inputs)) + FIRST_LOGIT
+    near = tape.do("Or", near, tape.do("GreaterOrEqual", math.log(NEAR / (1 - NEAR)), logit))
+    can = _output(hold.network, _with_goal(goal, goal, hold.inputs))
     return tape.do("And", near, can >= -HELD / (1 - config.discount))
 
 

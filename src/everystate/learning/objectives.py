@@ -105,7 +105,7 @@ class Hit(NamedTuple):
 
     def read(self, output: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """V in [0, 1], from the network's output: nearly 0 at first, as nothing leads there yet."""
-        return jax.nn.sigmoid(output + _FIRST_LOGIT)
+        return jax.nn.sigmoid(output + FIRST_LOGIT)
 
     def counted(self, near: Way, last: Float[Array, ""]) -> Float[Array, " steps"]:
         """V along a way, from V_targ where it ends: what V is fitted to."""
@@ -131,7 +131,7 @@ class Hit(NamedTuple):
         self, outputs: Float[Array, " n"], targets: Float[Array, " n"]
     ) -> Float[Array, " n"]:
         """Cross-entropy less the entropy of the targets, so that 0 is perfect."""
-        logits, known = outputs + _FIRST_LOGIT, jnp.clip(targets, 1e-6, 1 - 1e-6)
+        logits, known = outputs + FIRST_LOGIT, jnp.clip(targets, 1e-6, 1 - 1e-6)
         least = -known * jnp.log(known) - (1 - known) * jnp.log1p(-known)
         return optax.sigmoid_binary_cross_entropy(logits, targets) - least
 
@@ -145,7 +145,8 @@ HOLD, PASS = 0, 1
 """Which of the objectives is which, where there are both."""
 NEAR, HELD = 0.5, 0.05
 """How close a goal is nearly met, and what share of all that can be lost holding it may cost."""
-_FIRST_LOGIT = -4.0
+FIRST_LOGIT = -4.0
+"""Of a hit, where the network says 0."""
 
 
 def objectives(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> tuple[Objective, ...]:
@@ -167,9 +168,10 @@ def pursued(
 ) -> Int[Array, ""]:
     """By which of its objectives an agent goes for a goal: to pass, until it can be held.
 
-    It is held from where it is nearly met, if it can be: if it costs little to be sent there from
-    there. That is V(g, g) of the sum, which goes from 0, for nothing lost at any time, to
-    -1 / (1 - gamma), for all of it.
+    It is held, if it can be: if it costs little to be sent there from there. That is V(g, g) of the
+    sum, which goes from 0, for nothing lost at any time, to -1 / (1 - gamma), for all of it. But
+    what holds knows no long ways. Where V of passing says that the goal will be nearly met, it is
+    passed until it is.
 
     Args:
         config: hyper-parameters.
@@ -179,9 +181,11 @@ def pursued(
     """
     if len(models.values) == 1:
         return jnp.zeros((), jnp.int32)
-    place = rewards.placing(config, models)
-    near = objectives(config)[PASS].closeness(place(state), place(goal)) >= NEAR
-    return jnp.where(near & holdable(config, models.values, goal), jnp.int32(HOLD), jnp.int32(PASS))
+    place, aim = rewards.placing(config, models), objectives(config)[PASS]
+    met = aim.closeness(place(state), place(goal)) >= NEAR
+    unmet = aim.read(models.values[PASS](state, goal)) < NEAR
+    held = (met | unmet) & holdable(config, models.values, goal)
+    return jnp.where(held, jnp.int32(HOLD), jnp.int32(PASS))
 
 
 def holdable(
