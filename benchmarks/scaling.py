@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 from everystate import preset
 from everystate.agent import keep_compiled_programs
 from everystate.learning import weights as w
-from everystate.learning.models import Scale
+from everystate.learning.models import Scale, Space
 from everystate.learning.replay import Transitions
 from everystate.learning.state import AgentState
 from everystate.training.learner import begin, compiled
@@ -53,7 +53,7 @@ def full(config: Any, size: int) -> AgentState:
     steps = (config.warmup_steps, config.num_bodies)
     states, actions = made_up(*steps), jnp.zeros((*steps, 1))
     few = Transitions(states, actions, states + 0.1 * made_up(*steps), states)
-    state = begin(config, few, Scale(jnp.zeros(size), jnp.ones(size)))
+    state = begin(config, Space(size, 1), few, Scale(jnp.zeros(size), jnp.ones(size)))
     before = made_up(config.capacity)
     rings = Transitions(before, jnp.zeros((config.capacity, 1)), before + 0.1, before[:, :0])
     log = jnp.where(jnp.arange(state.replay.states.log.size) < config.capacity, 0.0, -jnp.inf)

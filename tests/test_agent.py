@@ -30,7 +30,7 @@ from everystate.agent.formats import STEEP, brought_up
 from everystate.config import FlowFamily
 from everystate.errors import EverystateError
 from everystate.learning.flows import decode
-from everystate.learning.models import Scale
+from everystate.learning.models import Scale, Space
 from everystate.learning.planning import Planning
 from everystate.learning.replay import Transitions
 from everystate.presets import PRESETS, preset
@@ -50,7 +50,8 @@ def agent() -> Agent:
     shape = (config.warmup_steps, config.num_bodies, 2)
     warmup = Transitions(*(jnp.asarray(rng.normal(size=shape), jnp.float32) for _ in range(4)))
     scale = Scale(jnp.asarray(CENTRE), jnp.asarray(SPREAD))
-    return Agent(begin(config, warmup, scale).models, scale, config, BodyInfo(("x", "speed"), 2))
+    body = BodyInfo(("x", "speed"), 2)
+    return Agent(begin(config, body.space, warmup, scale).models, scale, config, body)
 
 
 @pytest.mark.parametrize("plan", [False, True])
@@ -344,8 +345,9 @@ def test_no_flow_remembers_a_trace(flow: FlowFamily) -> None:
     """What a new run makes, and what is read from files, must work outside of what made it."""
     config = preset("test", flow=flow)
     steps = jnp.zeros((config.warmup_steps, config.num_bodies, 2))
-    state = begin(config, Transitions(steps, steps, steps, steps), Scale(jnp.zeros(2), jnp.ones(2)))
-    read = with_arrays(skeleton(config, 2, 2), named_arrays(state))
+    space, scale = Space(2, 2), Scale(jnp.zeros(2), jnp.ones(2))
+    state = begin(config, space, Transitions(steps, steps, steps, steps), scale)
+    read = with_arrays(skeleton(config, space), named_arrays(state))
     for models in (state.models, read.models):
         assert jnp.isfinite(models.state_flow.log_prob(jnp.zeros(2)))
         assert jnp.isfinite(models.policies[0](jnp.zeros(2), jnp.ones(2)).log_prob(jnp.zeros(2)))

@@ -16,7 +16,7 @@ from everystate.learning.draws import draw
 from everystate.learning.episodes import WANDER
 from everystate.learning.goals import choose_goals
 from everystate.learning.keys import named
-from everystate.learning.models import Scale
+from everystate.learning.models import Scale, Space
 from everystate.learning.replay import Transitions
 from everystate.presets import preset
 
@@ -36,7 +36,8 @@ def drift(config, key, steps):
 def start(config):
     key = jax.random.key(config.seed)
     scale = Scale(jnp.zeros(2), jnp.full(2, 0.5))
-    return algorithm.init(config, drift(config, key, config.warmup_steps), scale, key=key)
+    warmup = drift(config, key, config.warmup_steps)
+    return algorithm.init(config, Space(2, 2), warmup, scale, key=key)
 
 
 def act_at(config, state, draws, step, episodes, observations):

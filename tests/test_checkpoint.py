@@ -11,6 +11,7 @@ from everystate import envs
 from everystate.agent import Agent, BodyInfo, named_arrays
 from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.learning.models import Space
 from everystate.presets import preset
 from everystate.training import checkpoint
 from everystate.training.checkpoint import Snapshot
@@ -40,7 +41,7 @@ def save(folder: Path, snapshot: Snapshot, config: Config = CONFIG, period: int 
 
 
 def restored(folder: Path) -> Snapshot:
-    snapshot = checkpoint.restore(folder, CONFIG, 2, 2)
+    snapshot = checkpoint.restore(folder, CONFIG, Space(2, 2))
     assert snapshot is not None
     return snapshot
 
@@ -98,7 +99,7 @@ def test_a_draft_is_no_checkpoint(begun: Snapshot, tmp_path: Path) -> None:
     draft = tmp_path / ".draft-000000"
     draft.mkdir()
     (draft / "state.safetensors").write_text("{")
-    assert checkpoint.restore(tmp_path, CONFIG, 2, 2) is None
+    assert checkpoint.restore(tmp_path, CONFIG, Space(2, 2)) is None
     save(tmp_path, begun)
     assert restored(tmp_path).epoch == 0
     assert not draft.exists()
@@ -150,5 +151,5 @@ def test_without_a_sound_checkpoint_nothing_is_begun(begun: Snapshot, tmp_path: 
         pytest.warns(UserWarning, match="is damaged"),
         pytest.raises(EverystateError, match=r"no checkpoint in .* is sound"),
     ):
-        checkpoint.restore(tmp_path, CONFIG, 2, 2)
+        checkpoint.restore(tmp_path, CONFIG, Space(2, 2))
     assert [p.name for p in tmp_path.iterdir()] == ["000000"]

@@ -17,6 +17,7 @@ from everystate import cli
 from everystate.agent import Agent, BodyInfo
 from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.learning.models import Space
 from everystate.presets import preset
 from everystate.scaling import cluster
 from everystate.training import checkpoint, groups
@@ -140,7 +141,7 @@ def test_checkpoints_have_every_group(undisturbed: Snapshot, tmp_path: Path) -> 
     agent = undisturbed.agent
     exported = Agent(agent.models, agent.scale, TWO, BodyInfo(("x", "y"), 2))
     checkpoint.save(tmp_path, undisturbed, exported, 1)
-    restored = checkpoint.restore(tmp_path, TWO, 2, 2)
+    restored = checkpoint.restore(tmp_path, TWO, Space(2, 2))
     assert restored is not None
     assert same(restored, undisturbed)
 

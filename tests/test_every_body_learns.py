@@ -11,6 +11,7 @@ import pytest
 
 import everystate
 from everystate import evaluation, viewing
+from everystate.learning.models import Space
 from everystate.training.logging import read_metrics
 
 SHORT: dict[str, Any] = {
@@ -110,7 +111,7 @@ def test_nothing_is_learned_across_an_end(tmp_path: Path) -> None:
 
     fields = {name: x for name, x in SHORT.items() if name not in ("preset", "progress")}
     config = preset("test", "gymnasium:Corridor-v0", **fields)
-    snapshot = checkpoint.restore(run / "checkpoints", config, 1, 1)
+    snapshot = checkpoint.restore(run / "checkpoints", config, Space(1, 1))
     assert snapshot is not None
     replay, scale = snapshot.agent.replay, snapshot.agent.scale
     filled = int(replay.size)

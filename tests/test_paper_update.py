@@ -20,7 +20,7 @@ from everystate.config import Config
 from everystate.learning import guard, policy
 from everystate.learning import replay as rb
 from everystate.learning.keys import named
-from everystate.learning.models import Models, Scale, trainable
+from everystate.learning.models import Models, Scale, Space, trainable
 from everystate.learning.replay import Transitions
 from everystate.learning.state import AgentState
 from everystate.presets import preset
@@ -92,7 +92,8 @@ def moving(config: Config) -> Transitions:
 def fresh() -> AgentState:
     """But for all that is learned, which is shaken: no symmetry hides anything."""
     config, scale = preset("paper", **SIZES), Scale(jnp.zeros(STATE), jnp.ones(STATE))
-    state = eqx.filter_jit(algorithm.init)(config, moving(config), scale, key=jax.random.key(1))
+    space, key = Space(STATE, ACTION), jax.random.key(1)
+    state = eqx.filter_jit(algorithm.init)(config, space, moving(config), scale, key=key)
     random = np.random.default_rng(6)
 
     def shaken(path: Any, x: Any) -> Any:

@@ -19,7 +19,7 @@ from everystate import cli, envs, portable
 from everystate.agent import Agent, BodyInfo, load
 from everystate.config import Config
 from everystate.errors import EverystateError
-from everystate.learning.models import Scale, new_models
+from everystate.learning.models import Scale, Space, new_models
 from everystate.learning.objectives import pursued
 from everystate.presets import preset
 
@@ -42,7 +42,7 @@ CONFIGS = {
 def agent_of(config: Config) -> Agent:
     """One that learned nothing, but whose every number is its own; y counts for nothing."""
     rng, key = np.random.default_rng(0), jax.random.key(0)
-    models = new_models(config, 2, jnp.array([0.5, 1.0, 2.0]), key=key)
+    models = new_models(config, Space(3, 2), jnp.array([0.5, 1.0, 2.0]), key=key)
 
     def stirred(x: Any) -> Any:
         return x + 0.15 * rng.normal(size=x.shape).astype(np.float32)

@@ -34,7 +34,7 @@ def twice(folder: Path, *, config=CONFIG, size: int = 3, name: str = "double") -
             return 2 * x
 
         x = jnp.arange(float(size))
-        np.testing.assert_array_equal(programs.kept(name, config, double, (x,))(x), 2 * x)
+        np.testing.assert_array_equal(programs.kept(name, config, (), double, (x,))(x), 2 * x)
         counts.append(len(traced))
     return counts
 

@@ -28,7 +28,7 @@ class Stays(Policy):
 
     def __init__(self, centre: Any = 0.0) -> None:
         self.flow: Any = None
-        self.inputs = "goal"
+        self.inputs, self.horizontal = "goal", ()
         self.centre = jnp.asarray(centre)
 
     def central(self, state: Any, goal: Any) -> Any:

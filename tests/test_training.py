@@ -28,6 +28,7 @@ from everystate.agent import named_arrays
 from everystate.errors import EverystateError
 from everystate.learning.draws import Draws
 from everystate.learning.guard import Fault
+from everystate.learning.models import Space
 from everystate.presets import preset
 from everystate.training import checkpoint, loop, train
 from everystate.training.learner import Learner
@@ -134,7 +135,9 @@ def test_an_interrupted_run_ends_as_if_it_had_not_been(
     assert timeless(resumed) == timeless(straight)
     assert [line["epoch"] for line in read_metrics(resumed)] == [1, 2, 3, 4]
     config = preset("test", BODY, epochs=4, checkpoint_period=2)
-    ends = [checkpoint.restore(run / "checkpoints", config, 2, 2) for run in (straight, resumed)]
+    ends = [
+        checkpoint.restore(run / "checkpoints", config, Space(2, 2)) for run in (straight, resumed)
+    ]
     first, second = (
         named_arrays(end._replace(agent=end.agent._replace(key=jax.random.key_data(end.agent.key))))
         for end in ends

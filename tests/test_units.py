@@ -10,6 +10,7 @@ import pytest
 
 from everystate import algorithm
 from everystate.learning.averages import averaged
+from everystate.learning.models import Space
 from everystate.learning.replay import Transitions
 from everystate.learning.state import AgentState
 from everystate.learning.units import grown, of_warm_up
@@ -32,7 +33,7 @@ def walk(spread, steps=20):
 def begun(spread=1.0) -> AgentState:
     warmup = walk(spread)
     scale = of_warm_up(warmup.next_observations)
-    return algorithm.init(CONFIG, warmup, scale, key=jax.random.key(0))
+    return algorithm.init(CONFIG, Space(2, 1), warmup, scale, key=jax.random.key(0))
 
 
 def in_body_units(state: AgentState, states):

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from everystate import envs
 from everystate.agent import load, named_arrays
-from everystate.learning.models import Scale
+from everystate.learning.models import Scale, Space
 from everystate.learning.replay import Transitions
 from everystate.presets import preset
 from everystate.training.learner import begin, compiled
@@ -51,7 +51,7 @@ def learned() -> dict[str, Any]:
     goals = np.broadcast_to(states[-1], states[1:].shape)
     moves = states[:-1], waves(steps, bodies, 2), states[1:], goals
     warmup = Transitions(*map(jnp.asarray, moves))
-    begun = begin(config, warmup, Scale(jnp.zeros(2), jnp.ones(2)))
+    begun = begin(config, Space(2, 2), warmup, Scale(jnp.zeros(2), jnp.ones(2)))
     state, metrics, _ = compiled(config).update(begun)
     arrays = named_arrays(state.models)
     return {

@@ -19,7 +19,7 @@ class Known(Dynamics):
         """Of states with so many components."""
         self.change: Any = None
         self.change_scale, self.weights = jnp.ones(size), jnp.ones(size)
-        self.outcomes = outcomes
+        self.outcomes, self.horizontal = outcomes, ()
 
     def __call__(self, state: Any, action: Any) -> Any:
         """The distribution of s'."""

@@ -19,7 +19,7 @@ from everystate.learning.draws import Draws
 from everystate.learning.epoch import Metrics, repeated
 from everystate.learning.keys import named
 from everystate.learning.losses import gradients
-from everystate.learning.models import Models, Scale, new_models, step
+from everystate.learning.models import Models, Scale, Space, new_models, step
 from everystate.learning.objectives import objectives, worths
 from everystate.learning.pairs import paired
 from everystate.learning.policy import described, improve
@@ -32,21 +32,23 @@ from everystate.learning.units import grown
 from everystate.learning.value import lowest
 
 
-def init(config: Config, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray) -> AgentState:
+def init(
+    config: Config, space: Space, warmup: Transitions, scale: Scale, *, key: PRNGKeyArray
+) -> AgentState:
     """Fresh models, and buffers filled by a warm-up under random actions.
 
     Args:
         config: hyper-parameters.
+        space: of the body.
         warmup: transitions [steps, bodies, ...] in the body's own units.
         scale: those units.
         key: the run's random key, from which all others are named.
     """
     change = scale.scaled(warmup.next_observations) - scale.scaled(warmup.observations)
-    action_size = warmup.actions.shape[-1]
     # A component that never changed in the warm-up must not divide by zero.
     change_scale = jnp.maximum(jnp.std(change, axis=(0, 1)), 1e-3)
-    models = new_models(config, action_size, change_scale, key=named(key, "init"))
-    begun = AgentState.begun(config, models, action_size, scale, key)
+    models = new_models(config, space, change_scale, key=named(key, "init"))
+    begun = AgentState.begun(config, models, space.action_size, scale, key)
     return observe(config, begun, warmup)
 
 

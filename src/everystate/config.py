@@ -47,6 +47,9 @@ class Config:
     units: Literal["fixed", "running"] = "fixed"
     """Of states: the body's own, or the spread of what was visited, which grows with it [D33]."""
 
+    any_heading: bool = False
+    """What is learned facing one way holds facing any, of a body on level ground [D44]."""
+
     # --- Reward (4.2) ---
     k: float = 100.0
     """k: shaping of the reward -1 + exp(-k |dz|^2)."""
@@ -270,6 +273,11 @@ class Config:
             raise EverystateError(
                 f"imagined_targets = {self.imagined_targets} mixes targets of one step into V's, "
                 f"which a hit takes from whole ways alone: set it to 1"
+            )
+        if self.any_heading and self.units != "running":
+            raise EverystateError(
+                f"any_heading needs units that are the same from all sides, and units = "
+                f"{self.units!r} are the body's: set units to 'running', or any_heading to false"
             )
         if self.kept_steps > self.imagined_steps:
             raise EverystateError(

@@ -65,6 +65,7 @@ _SMALL = {
 # For any body: nothing in it knows which.
 _ANY = _SMALL | {
     "units": "running",
+    "any_heading": True,
     "capacity": 1_000_000,
     "m": 50,
     "rare_share": 0.5,

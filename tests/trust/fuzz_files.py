@@ -30,6 +30,7 @@ from everystate.envs import make
 from everystate.envs.model_copy import copied_model, copy_model
 from everystate.errors import EverystateError
 from everystate.evaluation import raw, suites
+from everystate.learning.models import Space
 from everystate.presets import preset
 from everystate.training import checkpoint
 from everystate.training.collection import read_samples
@@ -251,7 +252,7 @@ def a_checkpoint(part: tuple[Path, bytes | None]) -> None:
         (folder / "000001" / path).write_bytes(content)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        survives(lambda: checkpoint.restore(folder, CONFIG, 2, 2))
+        survives(lambda: checkpoint.restore(folder, CONFIG, Space(2, 2)))
 
 
 def bombs() -> None:

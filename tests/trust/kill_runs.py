@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from everystate.evaluation import raw
+from everystate.learning.models import Space
 from everystate.presets import preset
 from everystate.training import checkpoint
 from everystate.training.checkpoint import _to_arrays
@@ -78,7 +79,7 @@ def timeless(run: Path) -> list[dict]:
 
 def last_state(run: Path, epochs: int) -> dict[str, np.ndarray]:
     config = preset("test", BODY, epochs=epochs, checkpoint_period=1)
-    snapshot = checkpoint.restore(run / "checkpoints", config, 2, 2)
+    snapshot = checkpoint.restore(run / "checkpoints", config, Space(2, 2))
     assert snapshot is not None
     return _to_arrays(snapshot)
 

@@ -11,13 +11,13 @@ from jaxtyping import Array
 
 from everystate.algorithm import init
 from everystate.config import Config
-from everystate.learning.models import Scale
+from everystate.learning.models import Scale, Space
 from everystate.learning.replay import Transitions
 from everystate.learning.state import AgentState
 
 
 @functools.lru_cache(maxsize=8)
-def skeleton(config: Config, state_size: int, action_size: int) -> AgentState:
+def skeleton(config: Config, space: Space) -> AgentState:
     """The agent state of a new run, with shapes and dtypes in place of arrays: costs no memory."""
     # FlowJAX keeps first parameters in functions, where those of a trace must not remain.
     traced = config.flow == "pldu"
@@ -26,13 +26,13 @@ def skeleton(config: Config, state_size: int, action_size: int) -> AgentState:
         return jax.ShapeDtypeStruct(shape, jnp.float32) if traced else jnp.zeros(shape)
 
     leading = (config.warmup_steps, config.num_bodies)
-    states, actions = like(*leading, state_size), like(*leading, action_size)
+    states, actions = like(*leading, space.state_size), like(*leading, space.action_size)
     warmup = Transitions(states, actions, states, states)
-    scale = Scale(like(state_size), like(state_size))
+    scale = Scale(like(space.state_size), like(space.state_size))
     key = jax.random.key(0)
     if traced:
-        return eqx.filter_eval_shape(init, config, warmup, scale, key=key)
-    state = init(config, warmup, scale, key=key)
+        return eqx.filter_eval_shape(init, config, space, warmup, scale, key=key)
+    state = init(config, space, warmup, scale, key=key)
     return jax.tree.map(
         lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype) if eqx.is_array(x) else x, state
     )

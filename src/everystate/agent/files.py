@@ -31,7 +31,8 @@ from everystate.agent.json_files import (
 )
 from everystate.config import Config
 from everystate.errors import EverystateError
-from everystate.learning.models import Models, Scale
+from everystate.learning.facing import Horizontal
+from everystate.learning.models import Models, Scale, Space
 
 ActWith = Literal["policy", "plan"]
 """What an agent is best driven by: its policy alone, or the search ahead of planning."""
@@ -64,6 +65,13 @@ class BodyInfo(NamedTuple):
     """Of the packages that the body came from."""
     action_names: tuple[str, ...] = ()
     """Empty where they are not known."""
+    horizontal: Horizontal = ()
+    """Components of a state that turn with the body on level ground: see `learning.facing`."""
+
+    @property
+    def space(self) -> Space:
+        """What models must know of it."""
+        return Space(len(self.state_names), self.action_size, self.horizontal)
 
 
 def export(path: Path, *agent_and_scores: Any) -> Path:
@@ -148,7 +156,8 @@ def read(
         config = config_from_json(description["config"])
         body = BodyInfo(**description["body"])
         names = {n: tuple(getattr(body, n)) for n in ("state_names", "action_names")}
-        body = body._replace(versions=dict(body.versions), **names)
+        horizontal = tuple((int(x), int(y)) for x, y in body.horizontal)
+        body = body._replace(versions=dict(body.versions), horizontal=horizontal, **names)
         act_with = description.get("act_with", "policy")
         if act_with not in get_args(ActWith):
             raise ValueError(f"act_with is {act_with!r}: expected policy or plan")
@@ -160,7 +169,7 @@ def read(
             listed = place / PurePosixPath(_LIST).name
             _require_same(listed, listed.read_bytes(), files[_LIST])
             config = with_model_copy(config, place)
-        models = skeleton(config, len(body.state_names), body.action_size).models
+        models = skeleton(config, body.space).models
         arrays = safetensors.numpy.load(content)
         arrays = {n: _full(x) for n, x in arrays.items()}
         visited = arrays.pop(_VISITED, None)

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-FORMAT = 6
+FORMAT = 7
+UNTURNED = 6
+"""The format of agents that see which way they face."""
 UNVISITED = 5
 """The format of agents without states that were visited."""
 STEEP = 4
@@ -13,7 +15,7 @@ SINGLE = 3
 """The format before that, with one policy and one V, whose components all count."""
 UNCHECKED = 2
 """The format before checksums and models: read with a warning."""
-READ = FORMAT, UNVISITED, STEEP, SINGLE
+READ = FORMAT, UNTURNED, UNVISITED, STEEP, SINGLE
 
 
 def brought_up(

@@ -20,6 +20,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.learning.bijections import PLDU
 from everystate.learning.components import factors
+from everystate.learning.facing import LEAST
 from everystate.learning.flows import Centred, Conditional, ConditionalFlow
 from everystate.learning.models import Models, Scale
 from everystate.learning.networks import GoalInputs, Network
@@ -44,6 +45,7 @@ def as_steps(
     counts = np.asarray(models.dynamics.weights) > 0
     if not counts.all():
         goal = tape.do("Where", counts, goal, state)
+    state, goal = (_inward(models, state, x) for x in (state, goal))
     actions = [
         _central(config, policy.flow, _with_goal(state, goal, policy.inputs))
         for policy in models.policies
@@ -62,6 +64,22 @@ def as_steps(
 def _with_goal(state: Traced, goal: Traced, inputs: GoalInputs) -> Traced:
     seen = {"goal": (goal,), "difference": (goal - state,), "both": (goal, goal - state)}
     return state.tape.do("Concat", state, *seen[inputs])
+
+
+def _inward(models: Models, state: Traced, seen: Traced) -> Traced:
+    """As seen from where the body in `state` faces: see `facing.inward`."""
+    if not models.dynamics.horizontal:
+        return seen
+    do, size = state.tape.do, len(models.dynamics.weights)
+    x, y = np.array(models.dynamics.horizontal).T
+    ahead = [state @ np.eye(size)[:, [axis[0]]] for axis in (x, y)]
+    square = ahead[0] * ahead[0] + ahead[1] * ahead[1]
+    faces, length = square >= LEAST**2, do("Sqrt", do("Max", square, LEAST**2))
+    cosine = do("Where", faces, ahead[0] / length, 1.0)
+    sine = do("Where", faces, ahead[1] / length, 0.0)
+    same, crossed = np.zeros((2, size, size))
+    same[x, x], same[y, y], crossed[y, x], crossed[x, y] = 1, 1, 1, -1
+    return seen @ (np.eye(size) - same) + cosine * (seen @ same) + sine * (seen @ crossed)
 
 
 def _hidden(network: Network, x: Traced) -> Traced:
@@ -130,6 +148,7 @@ def _held(config: Config, models: Models, state: Traced, goal: Traced) -> Traced
     hold, passing = models.values[HOLD], models.values[PASS]
     logit = _output(passing.network, _with_goal(state, goal, passing.inputs)) + FIRST_LOGIT
     near = tape.do("Or", near, tape.do("GreaterOrEqual", math.log(NEAR / (1 - NEAR)), logit))
+    goal = _inward(models, goal, goal)
     can = _output(hold.network, _with_goal(goal, goal, hold.inputs))
     return tape.do("And", near, can >= -HELD / (1 - config.discount))
 

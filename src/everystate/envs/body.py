@@ -41,6 +41,8 @@ class Body(ABC):
     """A camera of the model by its name, or -1 for a view of all that the joints can reach."""
     unseen: Sequence[int] = ()
     """Where in qpos x lies, with y after it, of what travels without observing where it is."""
+    horizontal: tuple[tuple[int, int], ...] = ()
+    """See `BodyVectorEnv`."""
     ghost_scale: float = 1.0
     """A goal's ghost is drawn this much larger, to be seen around a body that has reached it."""
 

@@ -15,6 +15,7 @@ from mujoco import mjtJoint
 from everystate.envs import rotations
 from everystate.envs.body import Body
 from everystate.envs.control import drive_by
+from everystate.envs.ground import level
 from everystate.envs.layout import Component, Layout
 from everystate.envs.sensors import KINDS, sensed
 from everystate.errors import EverystateError
@@ -126,6 +127,12 @@ class JointBody(Body):
             if fnmatch.fnmatchcase(component.name, pattern):
                 return values
         return component.centre, component.spread
+
+    @functools.cached_property
+    def horizontal(self) -> tuple[tuple[int, int], ...]:
+        """Of a free joint, if neither places nor sensors are observed."""
+        known = self.layout.horizontal and not (self.travel or self.sensors)
+        return tuple(self.layout.horizontal) if known and level(self.model) else ()
 
     def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:
         """In the file's first keyframe, or else as it was drawn; nudged, no two bodies alike."""

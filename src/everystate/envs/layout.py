@@ -35,6 +35,8 @@ class Layout:
     """The same of two columns of a rotation matrix and their quaternion."""
     upright: list[tuple[slice, slice, slice]] = field(default_factory=list)
     """The same of where up is, the quaternion, and the linear velocity in the body's frame."""
+    horizontal: list[tuple[int, int]] = field(default_factory=list)
+    """Where x and y lie of free joints' axes, and of their velocities in the world's frame."""
     velocities: slice = field(default_factory=lambda: slice(0))
     """Where in the state they lie."""
     sensed: list[int] = field(default_factory=list)
@@ -77,6 +79,8 @@ class Layout:
                 self.components += [Component(n, "1", 0.0, _UNIFORM, 1.0) for n in names]
                 return
             self.oriented.append((slice(size, size + 6), slice(at, at + 4)))
+            if kind == mjtJoint.mjJNT_FREE:
+                self.horizontal += [(size, size + 1), (size + 3, size + 4)]
             names = [f"{name}_{column}{axis}" for column in "xy" for axis in "xyz"]
             self.components += [Component(n, "1", 0.0, _UNIFORM, 1.0) for n in names]
         elif kind == mjtJoint.mjJNT_HINGE and not (limited and high - low < 2 * math.pi):
@@ -96,6 +100,8 @@ class Layout:
         kind = mjtJoint(model.jnt_type[joint])
         if kind in (mjtJoint.mjJNT_FREE, mjtJoint.mjJNT_BALL):
             if kind == mjtJoint.mjJNT_FREE:
+                if self.horizontal:
+                    self.horizontal.append((len(self.components), len(self.components) + 1))
                 self.components += [Component(f"{name}_v{axis}", "m/s") for axis in "xyz"]
             self.components += [Component(f"{name}_w{axis}", "rad/s") for axis in "xyz"]
         else:

@@ -52,7 +52,7 @@ class MujocoVectorEnv(BodyVectorEnv):
         self.body = body
         self.name, self.source = body.name, body.source
         self.state_names, self.state_units = body.state_names, body.state_units
-        self.nominal = (body.centre, body.spread)
+        self.nominal, self.horizontal = (body.centre, body.spread), body.horizontal
         self.model = body.load()
         self.model_hash = model_hash(self.model)
         disturbance.perturb(self.model)

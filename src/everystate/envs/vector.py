@@ -66,6 +66,9 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
     model_hash: str = ""
     """Of the compiled model, undisturbed (`envs.model_copy`); "" of one that comes from a package
     by a Gymnasium id, which may make a new one each time."""
+    horizontal: tuple[tuple[int, int], ...] = ()
+    """Where in a state x and y of horizontal vectors lie, the way that the body faces first, if it
+    does the same whichever way that is, turned with it: on level ground."""
     placeable: bool = True
     """Whether `set_observations` and `render_states` are possible."""
     exact_restore: bool = True

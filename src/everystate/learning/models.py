@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.dynamics import Dynamics
+from everystate.learning.facing import Horizontal, alike
 from everystate.learning.flows import Centred, Conditional, conditional_flow, state_flow
 from everystate.learning.keys import named
 from everystate.learning.networks import GoalInputs, Value
@@ -49,11 +50,21 @@ class Scale(NamedTuple):
         return states * spread + centre
 
 
+class Space(NamedTuple):
+    """What models must know of a body."""
+
+    state_size: int
+    action_size: int
+    horizontal: Horizontal = ()
+    """Components that turn with it: see `facing`."""
+
+
 def new_models(
-    config: Config, action_size: int, change_scale: Float[Array, " s"], *, key: PRNGKeyArray
+    config: Config, space: Space, change_scale: Float[Array, " s"], *, key: PRNGKeyArray
 ) -> Models:
     """Untrained models of a body whose states change by about `change_scale` per step."""
-    state_size = change_scale.size
+    state_size, action_size, horizontal = space
+    horizontal = horizontal if config.any_heading else ()
     network = {"width": config.width, "depth": config.depth, "frequencies": config.frequencies}
 
     def conditional(name: str, size: int, condition_size: int, layers: int) -> Conditional:
@@ -87,16 +98,27 @@ def new_models(
         ),
         dynamics=Dynamics(
             centred("d", state_size, state_size + action_size, config.dynamics_layers),
-            change_scale,
+            alike(horizontal, change_scale),
             jnp.ones_like(change_scale),
+            horizontal,
         ),
         policies=tuple(
-            Policy(centred(f"pi{aim.suffix}", action_size, seen, config.policy_layers), inputs)
+            Policy(
+                centred(f"pi{aim.suffix}", action_size, seen, config.policy_layers),
+                inputs,
+                horizontal,
+            )
             for aim in aims
         ),
         curriculum=conditional("c", state_size, state_size, config.curriculum_layers),
         values=tuple(
-            Value(state_size, inputs=inputs, key=named(key, f"V{aim.suffix}"), **network)
+            Value(
+                state_size,
+                inputs=inputs,
+                horizontal=horizontal,
+                key=named(key, f"V{aim.suffix}"),
+                **network,
+            )
             for aim in aims
         ),
     )

@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from everystate.learning.facing import Horizontal, inward
+
 
 class Network(eqx.Module):
     """An MLP with `depth` hidden layers of `width` PReLU units (Appendix B).
@@ -74,9 +76,13 @@ GoalInputs = Literal["goal", "difference", "both"]
 
 
 def with_goal(
-    state: Float[Array, " s"], goal: Float[Array, " s"], inputs: GoalInputs
+    state: Float[Array, " s"],
+    goal: Float[Array, " s"],
+    inputs: GoalInputs,
+    horizontal: Horizontal,
 ) -> Float[Array, " n"]:
     """What V and pi see of a state and a goal, both scaled."""
+    goal, state = (inward(horizontal, state, x) for x in (goal, state))
     seen = {"goal": (goal,), "difference": (goal - state,), "both": (goal, goal - state)}
     return jnp.concatenate([state, *seen[inputs]])
 
@@ -98,20 +104,22 @@ class Value(eqx.Module):
 
     network: Network
     inputs: GoalInputs = eqx.field(static=True)
+    horizontal: Horizontal = eqx.field(static=True)
 
     def __init__(
         self,
         state_size: int,
         *,
         inputs: GoalInputs,
+        horizontal: Horizontal = (),
         key: PRNGKeyArray,
         **network: int,
     ) -> None:
         """An untrained value of states and goals with `state_size` components."""
         seen = (3 if inputs == "both" else 2) * state_size
         self.network = Network(seen, 1, key=key, **network)
-        self.inputs = inputs
+        self.inputs, self.horizontal = inputs, horizontal
 
     def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         """The output for one state and one goal, both scaled."""
-        return self.network(with_goal(state, goal, self.inputs))[0]
+        return self.network(with_goal(state, goal, self.inputs, self.horizontal))[0]

@@ -11,6 +11,7 @@ from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.learning.facing import Horizontal
 from everystate.learning.flows import Centred, Conditional, decode
 from everystate.learning.networks import GoalInputs, with_goal
 from everystate.learning.objectives import Objective, pursued
@@ -24,10 +25,11 @@ class Policy(eqx.Module):
 
     flow: Conditional
     inputs: GoalInputs = eqx.field(static=True)
+    horizontal: Horizontal = eqx.field(static=True)
 
     def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> AbstractTransformed:
         """The distribution of actions for one state and one goal, both scaled."""
-        return self.flow(with_goal(state, goal, self.inputs))
+        return self.flow(self._seen(state, goal))
 
     def at(
         self, state: Float[Array, " s"], goal: Float[Array, " s"], latent: Float[Array, " a"]
@@ -40,11 +42,14 @@ class Policy(eqx.Module):
 
     def central(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " a"]:
         """The most central action, which may lie beyond the bounds."""
-        return self.flow.central(with_goal(state, goal, self.inputs))
+        return self.flow.central(self._seen(state, goal))
 
     def fitted(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> AbstractTransformed:
         """The distribution of actions, as a likelihood may change it."""
-        return self.flow.fitted(with_goal(state, goal, self.inputs))
+        return self.flow.fitted(self._seen(state, goal))
+
+    def _seen(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " n"]:
+        return with_goal(state, goal, self.inputs, self.horizontal)
 
 
 def central(

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.episodes import Episodes, no_episodes
+from everystate.learning.facing import Horizontal
 from everystate.learning.models import Models, Scale, new_optimisers
 from everystate.learning.networks import Value
 from everystate.learning.policy import Policy
@@ -22,6 +23,11 @@ class Actor(NamedTuple):
     scale: Scale
     weights: Float[Array, " s"]
     """Of the components of a state [D39]."""
+
+    @property
+    def horizontal(self) -> Horizontal:
+        """Components that turn with the body, as its models see them [D44]."""
+        return self.policies[0].horizontal
 
 
 class AgentState(NamedTuple):
@@ -56,6 +62,11 @@ class AgentState(NamedTuple):
             copies=zero,
             average=models if config.averaged else None,
         )
+
+    @property
+    def horizontal(self) -> Horizontal:
+        """As of `Actor`."""
+        return self.actor.horizontal
 
     @property
     def actor(self) -> Actor:

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from everystate.config import Config
 from everystate.learning import replay as rb
 from everystate.learning.components import counted
+from everystate.learning.facing import Horizontal, about_zero, alike
 from everystate.learning.keys import named
 from everystate.learning.models import Models, Scale
 from everystate.learning.state import AgentState
@@ -20,11 +21,12 @@ _SETTLING = 5.0
 """Epochs after which a unit grows by no more than an eighth of itself."""
 
 
-def of_warm_up(states: Float[Array, "steps bodies s"]) -> Scale:
+def of_warm_up(states: Float[Array, "steps bodies s"], horizontal: Horizontal = ()) -> Scale:
     """The mean and the spread of what was visited; 1 for what did not move."""
     spread = jnp.std(states, axis=(0, 1))
     moved = spread > _ROUNDING * jnp.max(jnp.abs(states), axis=(0, 1))
-    return Scale(jnp.mean(states, axis=(0, 1)), jnp.where(moved, spread, 1.0))
+    centre = about_zero(horizontal, jnp.mean(states, axis=(0, 1)))
+    return Scale(centre, alike(horizontal, jnp.where(moved, spread, 1.0)))
 
 
 def grown(
@@ -41,10 +43,11 @@ def grown(
     much each component counts is found from the same transitions [D39].
     """
     seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
-    spread = jnp.std(seen, axis=0)
+    horizontal = state.models.dynamics.horizontal
+    spread = alike(horizontal, jnp.std(seen, axis=0))
     epoch = state.epoch.astype(jnp.float32)
     settling = (1 + epoch / _SETTLING) ** -3
-    shift = settling / (1 + settling) * jnp.mean(seen, axis=0)
+    shift = settling / (1 + settling) * about_zero(horizontal, jnp.mean(seen, axis=0))
 
     def outgrown(spread: Float[Array, " s"]) -> Float[Array, " s"]:
         most = jnp.where(spread > _OUTGROWN, 1 / (1 + epoch), settling)
@@ -65,10 +68,11 @@ def grown(
         )
     )
     drawn = rb.drawn_transitions(config, state.replay, _DRAWN, key=named(key, "drawn"))
-    change = jnp.std(drawn.next_observations - drawn.observations, axis=0) / factor
+    changes = drawn.next_observations - drawn.observations
+    change = alike(horizontal, jnp.std(changes, axis=0)) / factor
     same = state.models.dynamics.change_scale / factor
     of_step = same * outgrown(change / same)
-    weights = counted(state.kept.dynamics, drawn)
+    weights = alike(horizontal, counted(state.kept.dynamics, drawn))
 
     def in_units(models: Models) -> Models:
         dynamics = replace(models.dynamics, change_scale=of_step, weights=weights)

@@ -9,8 +9,8 @@ import numpy as np
 from everystate.agent import skeleton
 from everystate.config import Config
 from everystate.training import hosts
-from everystate.training.bodies import Steps, make_bodies
-from everystate.training.collection import action_size, to_device
+from everystate.training.bodies import Steps, info, make_bodies
+from everystate.training.collection import to_device
 from everystate.training.learner import compiled
 
 
@@ -20,14 +20,14 @@ def assist(config: Config) -> None:
     State and transitions are the first one's; what is passed here has but their shapes.
     """
     env = make_bodies(config, 1)
-    sizes = len(env.state_names), action_size(env)
+    space = info(config, env).space
     env.close()
     if not hosts.go_on():
         return
     learner = compiled(config)
-    state = hosts.shared(config, jax.tree.map(_blank, skeleton(config, *sizes)))
+    state = hosts.shared(config, jax.tree.map(_blank, skeleton(config, space)))
     leading = config.steps_per_epoch, config.num_bodies
-    states, actions = (np.zeros((*leading, size), np.float32) for size in sizes)
+    states, actions = (np.zeros((*leading, size), np.float32) for size in space[:2])
     while hosts.go_on():
         state = learner.observe(state, to_device(Steps(states, actions, states, states)))
         state, *_ = learner.update(state)

@@ -52,7 +52,9 @@ def make_bodies(config: Config, count: int) -> BodyVectorEnv:
 def info(config: Config, env: BodyVectorEnv) -> BodyInfo:
     """What a run and its agent keep of a body."""
     names, versions = tuple(env.state_names), envs.versions(config.body)
-    return BodyInfo(names, len(env.action_names), env.model_hash, versions, env.action_names)
+    return BodyInfo(
+        names, len(env.action_names), env.model_hash, versions, env.action_names, env.horizontal
+    )
 
 
 def with_own_copy(config: Config, env: BodyVectorEnv, run: Path) -> Config:

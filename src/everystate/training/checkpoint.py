@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float32
 from everystate.agent import Agent, files, named_arrays, own, skeleton, with_arrays
 from everystate.config import Config
 from everystate.errors import EverystateError
+from everystate.learning.models import Space
 from everystate.learning.state import AgentState
 
 KEPT = 2
@@ -84,7 +85,7 @@ def _write(draft: Path, snapshot: Snapshot, agent: Agent) -> None:
     files.write(draft, *parts)
 
 
-def restore(folder: Path, config: Config, state_size: int, action_size: int) -> Snapshot | None:
+def restore(folder: Path, config: Config, space: Space) -> Snapshot | None:
     """The latest checkpoint that is sound, or None where there is none at all.
 
     Damaged ones are set aside, under another name, with a warning.
@@ -92,7 +93,7 @@ def restore(folder: Path, config: Config, state_size: int, action_size: int) -> 
     Raises:
         EverystateError: there are checkpoints, but none is sound.
     """
-    problem, like = None, skeleton(config, state_size, action_size)
+    problem, like = None, skeleton(config, space)
     for checkpoint in reversed(_saved(folder)):
         try:
             snapshot = _read(checkpoint, like)

@@ -19,7 +19,7 @@ from everystate.learning.replay import Transitions
 from everystate.learning.state import AgentState
 from everystate.learning.units import of_warm_up
 from everystate.training import coverage, hosts
-from everystate.training.bodies import Steps
+from everystate.training.bodies import Steps, info
 from everystate.training.checkpoint import Snapshot
 from everystate.training.groups import Collected, Groups
 from everystate.training.learner import Learner, begin
@@ -42,9 +42,11 @@ def warm_up(config: Config, env: BodyVectorEnv, groups: Groups) -> Snapshot | No
         return None
     steps = collected.steps
     scale = Scale(jnp.asarray(env.scaling.centre), jnp.asarray(env.scaling.spread))
+    space = info(config, env).space
     if config.units == "running":
-        scale = of_warm_up(jnp.asarray(steps.next_observations))
-    agent = begin(config, to_device(steps), scale)
+        horizontal = space.horizontal if config.any_heading else ()
+        scale = of_warm_up(jnp.asarray(steps.next_observations), horizontal)
+    agent = begin(config, space, to_device(steps), scale)
     visited = coverage.visit(coverage.no_cells(*bounds(env)), steps.next_observations, *bounds(env))
     return Snapshot(agent, collected.env, collected.observations, visited)
 

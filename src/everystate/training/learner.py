@@ -18,7 +18,7 @@ from everystate.learning.draws import Draws
 from everystate.learning.episodes import Episodes
 from everystate.learning.guard import Fault
 from everystate.learning.keys import named
-from everystate.learning.models import Scale
+from everystate.learning.models import Scale, Space
 from everystate.learning.replay import Transitions
 from everystate.learning.sharding import whole
 from everystate.learning.state import Actor, AgentState
@@ -99,7 +99,7 @@ def _of_arrays(name: str, config: Config, function: Callable, **options: Any) ->
                 return function(put_in(arrays), *more)
 
             options["compiler_options"] = _compiler_options()
-            made[name] = kept(name, config, of_arrays, arguments, **options)
+            made[name] = kept(name, config, tree.horizontal, of_arrays, arguments, **options)
         return made[name](*arguments)
 
     return call
@@ -122,36 +122,37 @@ def _compiler_options() -> dict[str, str]:
     return on_cpu if jax.default_backend() == "cpu" else {}
 
 
-def begin(config: Config, warmup: Transitions, scale: Scale) -> AgentState:
+def begin(config: Config, space: Space, warmup: Transitions, scale: Scale) -> AgentState:
     """The state before the first epoch."""
     arguments = warmup, scale, named(jax.random.key(config.seed), "agent")
     if config.flow != "pldu":
         # FlowJAX keeps first parameters in functions, where those of a trace must not remain.
-        begun = _begun(config, *arguments)
+        begun = _begun(config, space, *arguments)
         return jax.tree.map(lambda x: own(x) if eqx.is_array(x) else x, begun)
-    sizes = warmup.observations.shape[-1], warmup.actions.shape[-1]
     alike = dataclasses.replace(config, seed=0, body_options=())
-    arrays = _beginning(alike, *sizes)(*arguments)
-    return _structure(skeleton(config, *sizes))([own(x) for x in arrays])
+    arrays = _beginning(alike, space)(*arguments)
+    return _structure(skeleton(config, space))([own(x) for x in arrays])
 
 
 @functools.lru_cache(maxsize=4)
-def _beginning(config: Config, state_size: int, action_size: int) -> Callable[..., list[Array]]:
+def _beginning(config: Config, space: Space) -> Callable[..., list[Array]]:
     """What makes a new state's arrays: traced for the first of the runs of a process alike."""
     program: list[Callable[..., list[Array]]] = []
 
     def made(*arguments: Any) -> list[Array]:
-        return _arrays(_begun(config, *arguments))
+        return _arrays(_begun(config, space, *arguments))
 
     def call(*arguments: Any) -> list[Array]:
         if not program:
             # Run once: what optimising it would save is far less than it costs.
             options: dict[str, Any] = {"compiler_options": {"xla_backend_optimization_level": 0}}
-            program.append(kept("init", config, made, arguments, **options))
+            program.append(kept("init", config, space.horizontal, made, arguments, **options))
         return program[0](*arguments)
 
     return call
 
 
-def _begun(config: Config, warmup: Transitions, scale: Scale, key: PRNGKeyArray) -> AgentState:
-    return algorithm.init(config, warmup, scale, key=key)
+def _begun(
+    config: Config, space: Space, warmup: Transitions, scale: Scale, key: PRNGKeyArray
+) -> AgentState:
+    return algorithm.init(config, space, warmup, scale, key=key)

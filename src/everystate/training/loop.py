@@ -28,7 +28,6 @@ from everystate.training.assist import assist
 from everystate.training.bodies import info, make_bodies, with_own_copy
 from everystate.training.checkpoint import Snapshot
 from everystate.training.collection import (
-    action_size,
     bounds,
     collect,
     save_samples,
@@ -112,8 +111,8 @@ def _lead(config: Config, path: Path, crew: Crew | None, make_log: Callable[...,
         own = with_own_copy(config, env, folder)
         if own != config:
             config, env = own, make_bodies(own, count)
-        sizes = len(env.state_names), action_size(env)
-        snapshot = checkpoint.restore(folder / "checkpoints", config, *sizes)
+        space = info(config, env).space
+        snapshot = checkpoint.restore(folder / "checkpoints", config, space)
         done = snapshot.epoch if snapshot else 0
         with (
             _interrupts() as interrupted,

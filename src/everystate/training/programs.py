@@ -23,6 +23,7 @@ from everystate.agent.compile_cache import programs_folder
 from everystate.config import Config
 from everystate.learning.draws import Draws
 from everystate.learning.episodes import Episodes
+from everystate.learning.facing import Horizontal
 from everystate.learning.guard import Batch, Fault
 from everystate.learning.models import Scale
 from everystate.learning.replay import Minibatch, Transitions
@@ -35,12 +36,20 @@ for _kind in (Batch, Draws, Episodes, Fault, Minibatch, Scale, Transitions):
     export.register_namedtuple_serialization(_kind, serialized_name=f"everystate.{_kind.__name__}")
 
 
-def kept(name: str, config: Config, function: Callable, arguments: tuple, **options: Any) -> Any:
+def kept(
+    name: str,
+    config: Config,
+    horizontal: Horizontal,
+    function: Callable,
+    arguments: tuple,
+    **options: Any,
+) -> Any:
     """`function`, compiled for arguments like these; traced only if no process has done so before.
 
     Args:
         name: tells apart the programs of a config.
-        config: decides, with the arguments' shapes, what the program is.
+        config: decides, with the next and the arguments' shapes, what the program is.
+        horizontal: components that turn with the body, which no array tells.
         function: of arrays in tuples, lists, dictionaries and the classes above.
         arguments: to trace it with.
         **options: of `jax.jit`.
@@ -50,7 +59,7 @@ def kept(name: str, config: Config, function: Callable, arguments: tuple, **opti
     # devices would have to be told apart by their number and hosts: JAX's own cache must do there.
     if folder is None or config.flow != "pldu" or "out_shardings" in options:
         return jax.jit(function, **options)
-    path = folder / f"{name}-{_digest(name, config, arguments)}.jaxexport"
+    path = folder / f"{name}-{_digest(name, config, horizontal, arguments)}.jaxexport"
     try:
         exported = export.deserialize(bytearray(path.read_bytes()))
     except FileNotFoundError:
@@ -73,7 +82,7 @@ def _traced(path: Path, function: Callable, arguments: tuple) -> export.Exported
     return exported
 
 
-def _digest(name: str, config: Config, arguments: tuple) -> str:
+def _digest(name: str, config: Config, horizontal: Horizontal, arguments: tuple) -> str:
     """Of all that a traced program depends on."""
     package = Path(everystate.__file__).parent
     sources = [package / "algorithm.py", *sorted((package / "learning").glob("*.py"))]
@@ -85,6 +94,7 @@ def _digest(name: str, config: Config, arguments: tuple) -> str:
         "backend": jax.default_backend(),
         "config": config_to_json(config) | {"seed": None, "collectors": None},
         "name": name,
+        "horizontal": horizontal,
         "arguments": str(shapes),
     }
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:32]
