@@ -133,11 +133,15 @@ def _as_asked(
     state: Float[Array, " s"], parts: tuple[Part, ...], asked: _Asked
 ) -> Float[Array, " s"]:
     """The state with what is asked set in it."""
-    state = jnp.where(jnp.isnan(asked.components), state, asked.components)
+
+    def with_components(state: Float[Array, " s"]) -> Float[Array, " s"]:
+        return jnp.where(jnp.isnan(asked.components), state, asked.components)
+
+    state = with_components(state)
     for part in parts:
         if names := [f.name for f in part.features if f.name in asked.features]:
             state = part.set(state, {name: asked.features[name] for name in names})
-    return state
+    return with_components(state)  # a heading that was set has turned the velocity with it
 
 
 def _worth(
