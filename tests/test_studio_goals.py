@@ -1,4 +1,4 @@
-"""Goals by the studio's sliders and ticks: what they ask for, and in a real browser."""
+"""Goals by the studio's sliders, ticks and keys: what they ask for, and in a real browser."""
 
 import os
 from collections.abc import Iterator
@@ -10,10 +10,11 @@ import pytest
 from jaxtyping import Float
 
 from browsing import opened
-from everystate import goals
+from everystate import goals, load
 from everystate.envs import MujocoVectorEnv, make
 from everystate.features import features
 from everystate.viewing import sliders
+from everystate.viewing.driving import ARROWS, can_drive, driven
 from everystate.viewing.sliders import Slider
 from everystate.viewing.studio import Studio
 from waiting import until
@@ -124,6 +125,23 @@ def test_what_says_the_same_in_other_words_excludes_it() -> None:
         goals.asked(dict.fromkeys({name, *beside}, 0.0), ANT)
 
 
+def test_a_body_that_goes_and_turns_can_be_driven() -> None:
+    ant, cartpole = load("ant"), load("cartpole")
+    assert can_drive(ant)
+    assert not can_drive(cartpole)
+    told = [[driven(ant, arrow, [0.0])[0] for arrow in line] for line in ARROWS]
+    assert told == [
+        ["forward left", "forward", "forward right"],
+        ["left", "stand still", "right"],
+        ["back left", "back", "back right"],
+    ]
+    assert driven(ant, "↖", [0.0])[1] == pytest.approx({"forward_velocity": 0.7, "turning_rate": 1})
+    assert driven(ant, "→", [0.0])[1] == pytest.approx({"forward_velocity": 0, "turning_rate": -1})
+    before = {"height": 0.5, "torso_vx": 1.0, "torso_wz": 0.0, "forward_velocity": 3.0}
+    expected = {"height": 0.5, "forward_velocity": -0.7, "turning_rate": 0}
+    assert driven(ant, "↓", before)[1] == pytest.approx(expected)
+
+
 @pytest.fixture(scope="module")
 def cartpole() -> Iterator[Studio]:
     page = Studio("cartpole", port=0)
@@ -184,5 +202,42 @@ def test_a_slider_moves_the_ghost(browser: Any) -> None:
     until(lambda: studio.world.goal[0] == pytest.approx(-0.5, abs=0.01))
     (ghost,) = studio._stage._ghosts.values()
     until(lambda: ghost.position[0] == pytest.approx(-0.5, abs=0.01))
+    page.close()
+    studio.close()
+
+
+@pytest.mark.browser
+def test_keys_drive_a_body_for_as_long_as_they_are_held(browser: Any) -> None:
+    studio = Studio("ant", port=0)
+    page, _ = opened(browser, studio)
+    (client,) = studio._server.get_clients().values()
+    seen = client.camera.position.copy()
+    for keys, told in ((("w",), "forward"), (("a", "ArrowUp"), "forward left")):
+        for key in keys:
+            page.keyboard.down(key)
+        until(lambda told=told: studio.world.pursuit.name == told)
+    assert studio.world.asked == pytest.approx({"forward_velocity": 0.7, "turning_rate": 1.0})
+    for key in ("w", "a"):
+        page.keyboard.up(key)
+    until(lambda: studio.world.pursuit.name == "forward")  # the arrow is still held
+    until(lambda: studio._panel.goal.ticked == {"forward_velocity", "turning_rate"})
+    page.screenshot(path=ARTEFACTS / "studio-drive-ant.png")
+    page.keyboard.up("ArrowUp")
+    until(lambda: studio.world.asked == {"forward_velocity": 0.0, "turning_rate": 0.0})
+    np.testing.assert_array_equal(client.camera.position, seen)
+    page.keyboard.down("d")
+    until(lambda: studio.world.pursuit.name == "right")
+    page.evaluate("window.dispatchEvent(new Event('blur'))")  # another window hears the key go up
+    until(lambda: studio.world.pursuit.name == "stand still")
+    page.get_by_role("button", name="↘").click()
+    until(lambda: studio.world.pursuit.name == "back right")
+    page.get_by_role("textbox").nth(0).click()
+    page.keyboard.press("ArrowUp")  # changes the number
+    until(lambda: set(studio._panel.goal.ticked) == {"height", "forward_velocity", "turning_rate"})
+    page.keyboard.down("s")
+    until(lambda: studio.world.pursuit.name == "back")
+    asked: Any = studio.world.asked
+    assert set(asked) == {"height", "forward_velocity", "turning_rate"}
+    page.keyboard.up("s")
     page.close()
     studio.close()

@@ -11,6 +11,7 @@ import viser
 from everystate.goals import Goal
 from everystate.skills import SKILLS
 from everystate.viewing import plots
+from everystate.viewing.driving import add_driving, can_drive
 from everystate.viewing.goal_panel import GoalPanel
 from everystate.viewing.readings import Readings
 from everystate.viewing.snippet import as_python
@@ -61,6 +62,8 @@ class Panel:
             "stay here": lambda: world.send(world.state, "stay here"),
         }
         self._buttons("goal", sent, "a goal it proposes, one of the evaluation's, its own state")
+        if can_drive(world.agent):
+            add_driving(self._gui, world, self._do)
         touched = {"push": world.push, "start over": world.restart}
         self._buttons("body", touched, "keys P and R; or drag the body with the mouse, and let go")
         kept = {"GIF": film, "Python": self._show_python}
