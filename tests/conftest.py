@@ -4,7 +4,9 @@ import functools
 import gc
 import importlib
 import os
+import shutil
 from collections.abc import Callable, Iterator
+from typing import Any
 
 # Both before anything imports JAX: tests mean the same everywhere, and a GPU is asked for by name.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -96,3 +98,18 @@ def _forget_programs() -> Iterator[None]:
     """Frees a module's compiled programs: each maps memory, and a process has 65,530 maps."""
     yield
     jax.clear_caches()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, for the tests of pages."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium")
+    assert chromium, "these tests need Chromium: apt-get install chromium"
+    quiet = ("background-networking", "component-update", "sync", "quic")
+    options = [*(f"--disable-{name}" for name in quiet), "--no-sandbox", "--no-first-run"]
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=chromium, args=options)
+        yield opened
+        opened.close()

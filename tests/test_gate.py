@@ -171,7 +171,7 @@ def test_of_a_flood_so_many_a_second_are_heard(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_flood_is_heard_to_its_end_and_stops_nobody(local: Studio) -> None:
-    slider = local._panel._sliders[0]
+    slider = local._panel.goal.sliders["x"]
 
     def moved_to(value: float) -> bytes:
         message = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid}

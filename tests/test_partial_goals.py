@@ -95,6 +95,15 @@ def test_an_ant_is_sent_by_what_people_say():
     assert {name: found[name] for name in asked} == pytest.approx(asked, abs=1e-2)
 
 
+def test_a_heading_leaves_the_velocity_in_the_world_as_asked():
+    ant, standing = everystate.load("ant"), np.array(state(STANDS), np.float32)
+    asked = {"heading": 90, "torso_vx": 0.5, "torso_vy": 0}
+    acted = ant.act(standing, asked)
+    whole = ant.complete(standing, asked)
+    assert whole[[15, 16]] == pytest.approx([0.5, 0], abs=1e-5)
+    np.testing.assert_allclose(acted, ant.act(standing, whole), atol=1e-4)
+
+
 def choose(
     monkeypatch: pytest.MonkeyPatch,
     *,

@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-import shutil
+import re
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from viser.transforms import SO3
 
+from browsing import opened
 from everystate import load
 from everystate.envs import MujocoVectorEnv, make
 from everystate.errors import EverystateError
 from everystate.skills import skill
-from everystate.viewing.panel import grouped
 from everystate.viewing.pursuit import Pursuit
 from everystate.viewing.shapes import shell, solid
 from everystate.viewing.snippet import as_python
@@ -25,7 +25,6 @@ from everystate.viewing.studio import Studio
 from everystate.viewing.world import World
 from waiting import until
 
-CHROMIUM = shutil.which("chromium")
 SIZES = (1000, 700), (1280, 800), (1600, 1000)
 ARTEFACTS = Path(os.environ.get("EVERYSTATE_ARTEFACTS", "artefacts"))
 
@@ -226,25 +225,6 @@ def test_a_part_of_a_state_is_pursued_alone_and_its_whole_shown(world: World) ->
     assert abs(left["observations"][0, 1] + 0.5) < 0.2
 
 
-def test_the_panel_takes_what_matters_in_words(studio: Studio) -> None:
-    studio._panel.ask("y=-0.5")
-    assert studio.world.asked == {"y": -0.5}
-    with pytest.raises(EverystateError, match="NAME=NUMBER"):
-        studio._panel.ask("up")
-
-
-def test_components_are_grouped() -> None:
-    def sizes(body: str) -> dict[str, tuple[int, bool]]:
-        env = make(body, 1, 0)
-        assert isinstance(env, MujocoVectorEnv)
-        return {title: (len(which), open) for title, (which, open) in grouped(env).items()}
-
-    assert sizes("ramp-pointmass") == {"position": (2, True)}
-    assert sizes("cartpole") == {"position": (3, True), "velocities": (2, False)}
-    ant = {"pose": (7, True), "joints": (8, False), "velocities": (14, False)}
-    assert sizes("ant") == ant
-
-
 def test_what_is_drawn_is_smooth_and_no_two_faces_lie_in_each_other() -> None:
     env = make("ant", 1, 0)
     assert isinstance(env, MujocoVectorEnv)
@@ -309,29 +289,6 @@ def test_the_page_is_for_this_machine_alone(studio: Studio) -> None:
         Studio("ramp-pointmass", port=taken)
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    assert CHROMIUM, "these tests need Chromium: apt-get install chromium"
-    quiet = ("background-networking", "component-update", "sync", "quic")
-    options = [*(f"--disable-{name}" for name in quiet), "--no-sandbox", "--no-first-run"]
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield opened
-        opened.close()
-
-
-def opened(browser: Any, studio: Studio) -> tuple[Any, list[str]]:
-    """A page of the studio, and the addresses it asked for."""
-    page, asked = browser.new_page(viewport={"width": 1280, "height": 900}), []
-    page.set_default_timeout(120_000)  # by software alone it draws slowly
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(studio.address)
-    page.get_by_role("button", name="climb").wait_for()
-    return page, asked
-
-
 @pytest.mark.browser
 def test_the_page_asks_nobody_else_and_a_button_sends_the_body(
     browser: Any, studio: Studio
@@ -374,7 +331,8 @@ def test_other_bodies_are_seen_at_work(browser: Any, run: str, skill: str) -> No
     page.set_default_timeout(120_000)
     page.goto(studio.address)
     page.get_by_role("button", name=skill).click()
-    page.get_by_text(f"of {25 if run == 'cartpole' else 10}.0 s").wait_for()
+    # The ant is up in 1.7 s, which a page that draws slowly may not show.
+    page.get_by_text(re.compile(r"of (25|10)\.0 s|done in")).wait_for()
     until(lambda: studio.world.pursuit.steps > 60)
     page.screenshot(path=ARTEFACTS / f"studio-{run}.png")
     page.close()
@@ -432,18 +390,6 @@ def pixel(camera: Any, point: np.ndarray, scene: Any) -> tuple[float, float]:
     x, y = focal * forth[:2] / forth[2]
     middle = scene["x"] + scene["width"] / 2, scene["y"] + scene["height"] / 2
     return middle[0] + float(x), middle[1] + float(y)
-
-
-@pytest.mark.browser
-def test_a_slider_moves_the_ghost(browser: Any, studio: Studio) -> None:
-    page, _ = opened(browser, studio)
-    field = page.get_by_role("textbox").nth(1)  # after that for a part of a state
-    field.fill("-0.5")
-    field.press("Enter")
-    until(lambda: studio.world.goal[0] == pytest.approx(-0.5, abs=0.01))
-    (ghost,) = studio._stage._ghosts.values()
-    until(lambda: ghost.position[0] == pytest.approx(-0.5, abs=0.01))
-    page.close()
 
 
 @pytest.mark.browser

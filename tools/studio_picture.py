@@ -22,10 +22,10 @@ def main() -> None:
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
-        page = browser.new_page(viewport={"width": 1200, "height": 860})
+        page = browser.new_page(viewport={"width": 1200, "height": 1060})
         page.goto(studio.address)
         page.get_by_role("button", name="balance").click(timeout=60_000)
-        page.mouse.click(288, 81)  # what it says of a browser without a graphics card
+        page.mouse.click(288, 100)  # what it says of a browser without a graphics card
         time.sleep(SWING_UP)
         page.screenshot(path=PICTURE)
         browser.close()

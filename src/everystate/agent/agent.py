@@ -265,7 +265,10 @@ class Agent:
         goals = jnp.asarray(wanted.components)
         if wanted.features or np.isnan(wanted.components).any():
             known = self.config, self.models, self.scale, parts(self.state_names), self._atlas
-            asked_for = jax.tree.map(jnp.asarray, (states, *wanted))
+            free = np.full(len(states), np.nan, np.float32)
+            names = self.feature_names if wanted.features else ()  # all: one program does for any
+            features = {name: wanted.features.get(name, free) for name in names}
+            asked_for = jax.tree.map(jnp.asarray, (states, wanted.components, features))
             goals = compiled.completed(*known, *asked_for)
         here, there = self.scale.scaled(jnp.asarray(states)), self.scale.scaled(goals)
         return here, asked(self.models.dynamics.weights, here, there), single

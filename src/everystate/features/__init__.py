@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from everystate.features.feature import Feature, Part, Turning
 from everystate.features.free import Free, Leaning
 
-__all__ = ["Feature", "Part", "features", "parts"]
+__all__ = ["Feature", "Free", "Leaning", "Part", "features", "parts"]
 
 
 def parts(state_names: Sequence[str]) -> tuple[Part, ...]:

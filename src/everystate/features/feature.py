@@ -20,6 +20,8 @@ class Feature(NamedTuple):
     """Those of the state that say it."""
     like: int | None = None
     """The component of the state whose unit and spread it has; None for an angle."""
+    bound: float = math.inf
+    """It lies between this and its negative."""
 
     @property
     def periodic(self) -> bool:
@@ -63,7 +65,7 @@ class Turning:
     def features(self) -> tuple[Feature, ...]:
         """Its angle."""
         components = f"cos_{self.name}", f"sin_{self.name}"
-        return (Feature(f"{self.name}_angle", "deg", components),)
+        return (Feature(f"{self.name}_angle", "deg", components, bound=180.0),)
 
     def read(self, states: States) -> dict[str, Values]:
         """In degrees, from -180 to 180; 0 where the cosine is 1."""

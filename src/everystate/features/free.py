@@ -34,9 +34,9 @@ class Free:
         turns = tuple(f"{self.name}_w{axis}" for axis in "xyz")
         every = (
             Feature("height", "m", (f"{self.name}_z",), self.z),
-            Feature("heading", "deg", flat),
-            Feature("pitch", "deg", axes),
-            Feature("roll", "deg", axes),
+            Feature("heading", "deg", flat, bound=180.0),
+            Feature("pitch", "deg", axes, bound=90.0),
+            Feature("roll", "deg", axes, bound=180.0),
             Feature("forward_velocity", "m/s", going, self.v),
             Feature("sideways_velocity", "m/s", going, self.v + 1),
             Feature("turning_rate", "rad/s", turns, self.w + 2),
@@ -112,8 +112,8 @@ class Leaning:
         goes, turns = (tuple(f"{self.name}_{v}{axis}" for axis in "xyz") for v in "vw")
         every = (
             Feature("height", "m", (f"{self.name}_z",), self.z),
-            Feature("pitch", "deg", lean),
-            Feature("roll", "deg", lean),
+            Feature("pitch", "deg", lean, bound=90.0),
+            Feature("roll", "deg", lean, bound=180.0),
             Feature("forward_velocity", "m/s", goes, self.v),
             Feature("sideways_velocity", "m/s", goes, self.v + 1),
             Feature("turning_rate", "rad/s", turns, self.w + 2),

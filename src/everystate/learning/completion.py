@@ -87,7 +87,7 @@ def completed(
         atlas: of the agent.
         state: s, in the units of the body.
         components: what is asked of components of the state; NaN where nothing is.
-        features: what is asked of features, by name.
+        features: what is asked of features, by name, likewise; none, or of all parts every one.
     """
     asked = _Asked(components, features)
     square = jax.vmap(lambda s: _apart(s, scale, parts, asked))(atlas.states)
@@ -103,7 +103,8 @@ def completed(
         square = _apart(scale.unscaled(scaled), scale, parts, asked)
         return jnp.exp(-square / (count * _NEAR**2))
 
-    count = len(features) + jnp.sum(~jnp.isnan(components), dtype=jnp.float32)
+    every = jnp.stack([*features.values(), *components])
+    count = jnp.sum(~jnp.isnan(every), dtype=jnp.float32)
     goals = scale.scaled(candidates)
     return candidates[jax.vmap(lambda g: _worth(config, models, near, here, g))(goals).argmax()]
 
@@ -125,7 +126,7 @@ def _apart(
         for feature in part.features:
             if feature.name in asked.features:
                 off = feature.difference(read[feature.name], asked.features[feature.name])
-                square += (off / feature.spread(scale.spread)) ** 2
+                square += jnp.nan_to_num(off / feature.spread(scale.spread)) ** 2
     return square
 
 
@@ -133,11 +134,17 @@ def _as_asked(
     state: Float[Array, " s"], parts: tuple[Part, ...], asked: _Asked
 ) -> Float[Array, " s"]:
     """The state with what is asked set in it."""
-    state = jnp.where(jnp.isnan(asked.components), state, asked.components)
-    for part in parts:
-        if names := [f.name for f in part.features if f.name in asked.features]:
-            state = part.set(state, {name: asked.features[name] for name in names})
-    return state
+
+    def with_components(state: Float[Array, " s"]) -> Float[Array, " s"]:
+        return jnp.where(jnp.isnan(asked.components), state, asked.components)
+
+    state = with_components(state)
+    for part in parts if asked.features else ():
+        own = {feature.name: asked.features[feature.name] for feature in part.features}
+        now, free = part.read(state), jnp.isnan(jnp.stack(list(own.values()))).all()
+        wanted = {name: jnp.where(jnp.isnan(x), now[name], x) for name, x in own.items()}
+        state = jnp.where(free, state, part.set(state, wanted))
+    return with_components(state)  # a heading that was set has turned the velocity with it
 
 
 def _worth(

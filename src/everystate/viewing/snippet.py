@@ -14,7 +14,8 @@ def as_python(world: World, agent: str) -> str:
     options = parse_options(world.agent.config.body_options)
     given = "".join(f", {name}={value!r}" for name, value in options.items())
     if isinstance(world.asked, Mapping):
-        goal = str({name: np.asarray(value).item() for name, value in world.asked.items()})
+        asked = world.asked.items()
+        goal = str({name: float(f"{np.asarray(value).item():.4g}") for name, value in asked})
     else:
         columns = zip(env.state_names, env.state_units, world.goal, strict=True)
         lines = (

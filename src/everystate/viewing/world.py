@@ -1,5 +1,6 @@
 """One body, alive under an agent: what the studio shows, without the page around it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ MASSES = (0.25, 4.0)
 """Least and largest factor of all masses."""
 
 State = Float32[np.ndarray, " state"]
+Do = Callable[[str, Callable[[], None]], None]
+"""Has something done between two steps, in the place of what else that control asked for."""
 
 
 REMEMBERED = 250
