@@ -203,6 +203,10 @@ def test_a_run_learns_so_and_its_agent_is_read_and_exported(tmp_path: Path) -> N
     expected = agent.act(states, goals)
     turn = [turned(x, env.horizontal).astype(np.float32) for x in (states, goals)]
     np.testing.assert_allclose(agent.act(*turn), expected, atol=1e-4)
+    asked = agent.complete(states, {"height": 0.3})
+    np.testing.assert_allclose(asked[:, 0], 0.3, atol=1e-5)
+    angles = [np.arctan2(x[:, 2], x[:, 1]) for x in (asked, states)]
+    np.testing.assert_allclose(np.cos(angles[0] - angles[1]), 1, atol=1e-4)
     policy = portable.load(agent.export(tmp_path / "policy.npz"))
     np.testing.assert_allclose(policy.act(states, goals), expected, atol=1e-5)
     np.testing.assert_allclose(policy.act(*turn), expected, atol=1e-4)

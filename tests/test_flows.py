@@ -19,7 +19,7 @@ from everystate.learning.flows import (
     frozen,
     state_flow,
 )
-from everystate.learning.models import new_models
+from everystate.learning.models import Space, new_models
 from everystate.presets import preset
 
 FAMILIES: tuple[FlowFamily, ...] = (
@@ -46,7 +46,9 @@ def randomised(tree, spread):
 
 def models(size, spread=0.3):
     """The models of a body of that size, all parameters away from their initialisation."""
-    new = new_models(preset("test", **SMALL), size, jnp.full(size, 0.2), key=jax.random.key(0))
+    new = new_models(
+        preset("test", **SMALL), Space(size, size), jnp.full(size, 0.2), key=jax.random.key(0)
+    )
     moved = randomised(new, spread)
     return moved._replace(
         dynamics=eqx.tree_at(lambda d: d.change_scale, moved.dynamics, new.dynamics.change_scale)

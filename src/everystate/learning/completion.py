@@ -11,6 +11,7 @@ from everystate.config import Config
 from everystate.features import Part
 from everystate.learning import replay as rb
 from everystate.learning.components import unit
+from everystate.learning.facing import Horizontal, inward, outward
 from everystate.learning.goals import imagined
 from everystate.learning.keys import named
 from everystate.learning.models import Models, Scale
@@ -74,10 +75,10 @@ def completed(
     """The state as asked, in the body's units, by which what is asked is met soonest and longest.
 
     Candidates are the states of the atlas that come nearest to what is asked, as many again of
-    those to stay in, and the present state. In each, what is asked is set, and the rest left as it
-    is. On the way that the policy goes to each, by d, only what is asked counts for the first
-    steps, then what V says of the rest. So the goal moves on with the body as long as it is chosen
-    anew at every step.
+    those to stay in, and the present state; on level ground all turned to face as it does. In each,
+    what is asked is set, and the rest left as it is. On the way that the policy goes to each, by d,
+    only what is asked counts for the first steps, then what V says of the rest. So the goal moves
+    on with the body as long as it is chosen anew at every step.
 
     Args:
         config: hyper-parameters.
@@ -89,15 +90,15 @@ def completed(
         components: what is asked of components of the state; NaN where nothing is.
         features: what is asked of features, by name, likewise; none, or of all parts every one.
     """
-    asked = _Asked(components, features)
-    square = jax.vmap(lambda s: _apart(s, scale, parts, asked))(atlas.states)
+    asked, here = _Asked(components, features), scale.scaled(state)
+    known = _facing_alike(models.dynamics.horizontal, scale, here, atlas.states)
+    square = jax.vmap(lambda s: _apart(s, scale, parts, asked))(known)
     nearest = [
         jax.lax.top_k(-jnp.where(among, square, _OUT), _CHOICES)[1]
         for among in (jnp.ones_like(atlas.calm), atlas.calm)
     ]
-    candidates = jnp.concatenate([atlas.states[jnp.concatenate(nearest)], state[None]])
+    candidates = jnp.concatenate([known[jnp.concatenate(nearest)], state[None]])
     candidates = jax.vmap(lambda s: _as_asked(s, parts, asked))(candidates)
-    here = scale.scaled(state)
 
     def near(scaled: Float[Array, " s"]) -> Float[Array, ""]:
         square = _apart(scale.unscaled(scaled), scale, parts, asked)
@@ -107,6 +108,23 @@ def completed(
     count = jnp.sum(~jnp.isnan(every), dtype=jnp.float32)
     goals = scale.scaled(candidates)
     return candidates[jax.vmap(lambda g: _worth(config, models, near, here, g))(goals).argmax()]
+
+
+def _facing_alike(
+    horizontal: Horizontal,
+    scale: Scale,
+    here: Float[Array, " s"],
+    states: Float[Array, "n s"],
+) -> Float[Array, "n s"]:
+    """The states, turned until the body faces as it does here: it can be there this way too [D44].
+
+    Else of the few that fit most would ask it to turn round first.
+    """
+
+    def turned(state: Float[Array, " s"]) -> Float[Array, " s"]:
+        return outward(horizontal, here, inward(horizontal, state, state))
+
+    return scale.unscaled(jax.vmap(turned)(scale.scaled(states))) if horizontal else states
 
 
 class _Asked(NamedTuple):
