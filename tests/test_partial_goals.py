@@ -19,6 +19,7 @@ from everystate.learning.completion import Atlas
 from everystate.learning.models import Models, Scale
 from everystate.skills.ant import STANDS, state
 from everystate.viewing.recording import record_goal
+from worlds import Known
 
 measure = importlib.import_module("everystate.evaluation.measure")
 
@@ -131,7 +132,7 @@ def choose(
         return lambda _, goal: jnp.array(table, float)[jnp.round(goal[1]).astype(int)]
 
     none: Any = None
-    models = Models(none, none, none, none, (known_by(held), known_by(near)))
+    models = Models(none, Known(), none, none, (known_by(held), known_by(near)))
     states = jnp.stack([jnp.ones(40), 1.0 + jnp.arange(40.0) % 3], axis=1)
     atlas = Atlas(states, jnp.zeros(40, bool))
     here, asked = jnp.array([5.0, 0.0]), jnp.array([1.0, jnp.nan])
