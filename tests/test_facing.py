@@ -104,6 +104,15 @@ def test_places_and_sensors_and_states_without_heading_do_not_turn(tmp_path: Pat
         assert envs.make(body, 1, 0, **option).horizontal == ()
 
 
+def test_a_body_that_is_driven_or_seen_in_a_way_of_its_own_does_not_turn() -> None:
+    class Driven(envs.Ant):
+        def drive(self, actions: Any, rng: np.random.Generator) -> Any:
+            return -actions
+
+    assert envs.Ant().horizontal
+    assert Driven().horizontal == ()
+
+
 def known(name: str = "any") -> Models:
     """Models of such a body that learned nothing, but differ at every state."""
     config, rng = preset(name, "any-body.xml", width=16, depth=1), np.random.default_rng(0)

@@ -130,8 +130,12 @@ class JointBody(Body):
 
     @functools.cached_property
     def horizontal(self) -> tuple[tuple[int, int], ...]:
-        """Of a free joint, if neither places nor sensors are observed."""
-        known = self.layout.horizontal and not (self.travel or self.sensors)
+        """Of a free joint, if neither places nor sensors are observed, and as here."""
+        kind = type(self)
+        same = all(
+            getattr(kind, n) is getattr(JointBody, n) for n in ("observe", "drive", "finish")
+        )
+        known = self.layout.horizontal and same and not (self.travel or self.sensors)
         return tuple(self.layout.horizontal) if known and level(self.model) else ()
 
     def initial(self, num: int, rng: np.random.Generator) -> Float[np.ndarray, "envs state"]:

@@ -58,13 +58,16 @@ class Space(NamedTuple):
     horizontal: Horizontal = ()
     """Components that turn with it: see `facing`."""
 
+    def turned(self, config: Config) -> Horizontal:
+        """Those that the models turn: none without `any_heading`."""
+        return self.horizontal if config.any_heading else ()
+
 
 def new_models(
     config: Config, space: Space, change_scale: Float[Array, " s"], *, key: PRNGKeyArray
 ) -> Models:
     """Untrained models of a body whose states change by about `change_scale` per step."""
-    state_size, action_size, horizontal = space
-    horizontal = horizontal if config.any_heading else ()
+    state_size, action_size, horizontal = *space[:2], space.turned(config)
     network = {"width": config.width, "depth": config.depth, "frequencies": config.frequencies}
 
     def conditional(name: str, size: int, condition_size: int, layers: int) -> Conditional:

@@ -44,8 +44,7 @@ def warm_up(config: Config, env: BodyVectorEnv, groups: Groups) -> Snapshot | No
     scale = Scale(jnp.asarray(env.scaling.centre), jnp.asarray(env.scaling.spread))
     space = info(config, env).space
     if config.units == "running":
-        horizontal = space.horizontal if config.any_heading else ()
-        scale = of_warm_up(jnp.asarray(steps.next_observations), horizontal)
+        scale = of_warm_up(jnp.asarray(steps.next_observations), space.turned(config))
     agent = begin(config, space, to_device(steps), scale)
     visited = coverage.visit(coverage.no_cells(*bounds(env)), steps.next_observations, *bounds(env))
     return Snapshot(agent, collected.env, collected.observations, visited)
