@@ -69,7 +69,9 @@ def test_distances_count_by_weight() -> None:
     state, goal = jnp.array([0.3, 5.0]), jnp.array([0.1, -7.0])
 
     def near(weights, s, g):
-        dynamics = SimpleNamespace(weights=jnp.array(weights))
+        dynamics = SimpleNamespace(
+            weights=jnp.array(weights), change_scale=jnp.array([0.1, 1e-3])[: len(weights)]
+        )
         place = placing(config, SimpleNamespace(dynamics=dynamics))
         return [float(aim.closeness(place(s), place(g))) for aim in objectives(config)]
 

@@ -86,12 +86,12 @@ def test_each_state_of_a_way_is_worth_what_comes_from_there_on():
 
 def test_only_the_sum_leads_on_where_a_goal_is_nearly_met():
     """A hit is flat at the goal; the sum has a slope until it is met exactly [D38]."""
-    goal, off = jnp.zeros(4), jnp.full(4, 0.02)
+    goal, off = jnp.zeros(4), jnp.full(4, 0.02)  # Two components, in states and in steps.
     slopes = [
         float(jnp.abs(jax.grad(lambda s, aim=aim: aim.closeness(s, goal))(off)).max())
         for aim in objectives(CONFIG)
     ]
-    assert slopes[HOLD] > 4 * slopes[PASS] > 0
+    assert slopes[HOLD] > 2 * slopes[PASS] > 0
     assert all(float(aim.closeness(goal, goal)) == 1 for aim in objectives(CONFIG))
 
 

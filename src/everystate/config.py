@@ -12,7 +12,7 @@ from typing import Literal, get_type_hints
 from everystate.errors import EverystateError
 from everystate.limits import RANGES, require_in_range, require_kind
 
-RewardShape = Literal["exponential", "rational", "cusp"]
+RewardShape = Literal["exponential", "rational", "cusp", "two-slopes"]
 FlowFamily = Literal["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
 
 MODEL_COPY = "model_copy"
@@ -60,8 +60,9 @@ class Config:
     """Where |dz| is taken: latent space of f (paper); scaled states, which stay put [D9]; or these
     in units of what a step changes each component by [D27]."""
     reward_shape: RewardShape = "exponential"
-    """exp(-k |dz|^2) (paper); 1 / (1 + k |dz|^2), which is felt from far away [D21]; or a cusp,
-    exp(-sqrt(k) |dz|), which is felt until the goal is met exactly [D38]."""
+    """exp(-k |dz|^2) (paper); 1 / (1 + k |dz|^2), which is felt from far away [D21]; a cusp,
+    exp(-sqrt(k) |dz|), which is felt until the goal is met exactly [D38]; or half a cusp and half
+    1 / (1 + k |dz|^2), dz in steps, which is felt from afar by what is slow to change [D45]."""
 
     # --- Safe improvement (4.3, Algorithm 1) ---
     j: int = 1
@@ -273,6 +274,11 @@ class Config:
             raise EverystateError(
                 f"imagined_targets = {self.imagined_targets} mixes targets of one step into V's, "
                 f"which a hit takes from whole ways alone: set it to 1"
+            )
+        if self.reward_shape == "two-slopes" and self.reward_space != "state":
+            raise EverystateError(
+                f"reward_shape = 'two-slopes' counts in states and in steps, and reward_space = "
+                f"{self.reward_space!r} says otherwise: set reward_space to 'state'"
             )
         if self.any_heading and self.units != "running":
             raise EverystateError(

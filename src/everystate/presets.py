@@ -71,7 +71,7 @@ _ANY = _SMALL | {
     "rare_share": 0.5,
     "calm_share": 1 / 3,
     "objective": "hold-and-pass",
-    "reward_shape": "cusp",
+    "reward_shape": "two-slopes",
     "absorb": 0.1,
     "imagined_absorb": False,
     "relative_errors": True,

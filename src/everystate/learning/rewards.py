@@ -11,7 +11,7 @@ from everystate.config import Config, RewardShape
 from everystate.learning.components import factors
 from everystate.learning.flows import encode, frozen
 
-Place = Callable[[Float[Array, " s"]], Float[Array, " s"]]
+Place = Callable[[Float[Array, " s"]], Float[Array, " place"]]
 _ROUNDED = 0.1
 
 
@@ -20,7 +20,8 @@ def placing(config: Config, models: Any) -> Place:
 
     Or at the state with each component in units of what a step changes it by, so that what takes
     long to change counts for more [D27]; the factors of all components have a mean square of 1. In
-    all but the latent space components count by their weights [D39].
+    all but the latent space components count by their weights [D39]. Two slopes [D45] need both:
+    the place is the state itself, then the state by its steps.
 
     Args:
         config: `reward_space`.
@@ -30,31 +31,43 @@ def placing(config: Config, models: Any) -> Place:
         flow = frozen(models.state_flow)
         return lambda state: encode(flow, state)
     weights = jax.lax.stop_gradient(models.dynamics.weights)
-    if config.reward_space == "steps":
-        weights /= jax.lax.stop_gradient(models.dynamics.change_scale) ** 2
-    by_weight = factors(weights)
-    return lambda state: state * by_weight
+    by_state = factors(weights)
+    by_steps = factors(weights / jax.lax.stop_gradient(models.dynamics.change_scale) ** 2)
+    if config.reward_shape == "two-slopes":
+        return lambda state: jnp.concatenate([state * by_state, state * by_steps])
+    factor = by_steps if config.reward_space == "steps" else by_state
+    return lambda state: state * factor
 
 
 def closeness(
     config: Config,
-    place_next: Float[Array, " s"],
-    place_goal: Float[Array, " s"],
+    place_next: Float[Array, " place"],
+    place_goal: Float[Array, " place"],
     shape: RewardShape | None = None,
 ) -> Float[Array, ""]:
     """exp(-k |f_enc(s') - f_enc(g)|^2), in [0, 1]; the reward is this minus one (4.2).
 
     In many dimensions that is 0 practically everywhere, unless k falls with their number [D34]; the
-    rational shape is not [D21], and the cusp has a slope up to the goal [D38]. Which of them is
-    `reward_shape`, unless `shape` says another.
+    rational shape is not [D21]. Of two slopes one is a cusp, which is felt up to the goal [D38],
+    the other is felt from afar by what takes long to change [D45]. Which of them is `reward_shape`,
+    unless `shape` says another.
     """
+    off = place_next - place_goal
+    parts = jnp.split(off, 2) if config.reward_shape == "two-slopes" else [off]
     width = config.kernel_width
-    k = 1 / (place_goal.size * width**2) if width else config.k
-    square = k * jnp.sum((place_next - place_goal) ** 2)
+    k = 1 / (parts[0].size * width**2) if width else config.k
+    square, *of_steps = (k * jnp.sum(part**2) for part in parts)
     match shape or config.reward_shape:
         case "rational":
             return 1 / (1 + square)
-        case "cusp":  # Rounded, as a slope that turns about at once is no slope at all.
-            return jnp.exp(_ROUNDED - jnp.sqrt(square + _ROUNDED**2))
+        case "cusp":
+            return _cusp(square)
+        case "two-slopes":
+            return (_cusp(square) + 1 / (1 + of_steps[0])) / 2
         case "exponential":
             return jnp.exp(-square)
+
+
+def _cusp(square: Float[Array, ""]) -> Float[Array, ""]:
+    """exp(-distance), but rounded: a slope that turns about at once is no slope at all."""
+    return jnp.exp(_ROUNDED - jnp.sqrt(square + _ROUNDED**2))
