@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from everystate.agent.formats import STEEP, brought_up
+from everystate.agent.formats import CUSPED, FORMAT, STEEP, brought_up, config_of_today
 from everystate.learning.networks import Network
 
 NAME = "values.0.network.mlp.layers.0.weight"
@@ -24,3 +24,10 @@ def test_weights_for_waves_of_one_amplitude_become_those_for_falling_ones() -> N
 def test_no_other_array_is_touched() -> None:
     name, other = "values.0.network.mlp.layers.1.weight", np.ones((3, 7), np.float32)
     np.testing.assert_array_equal(brought_up({name: other}, STEEP, 2, 3)[name], other)
+
+
+def test_an_agent_that_held_goals_by_a_cusp_alone_is_one_of_two_slopes() -> None:
+    cusped = {"reward_shape": "cusp", "seed": 3}
+    assert config_of_today(cusped, CUSPED) == {"reward_shape": "two-slopes", "seed": 3}
+    assert config_of_today(cusped, FORMAT) == cusped
+    assert config_of_today({"seed": 3}, CUSPED) == {"seed": 3}

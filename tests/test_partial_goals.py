@@ -1,8 +1,9 @@
 """Goals that ask for a part of a state, and the whole ones that an agent makes of them."""
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import jax.numpy as jnp
@@ -108,54 +109,47 @@ def test_a_heading_leaves_the_velocity_in_the_world_as_asked():
 def choose(
     monkeypatch: pytest.MonkeyPatch,
     *,
-    near: Sequence[float] = (0, 0, 0, 0),
-    held: Sequence[float] = (-50, -50, -50, -50),
-    gets_to: int | None = None,
+    arrives: Mapping[int, int],
+    leaves: Mapping[int, int] = MappingProxyType({}),
 ) -> float:
     """The free second component of the completion of x = 1, of three states and the present.
 
-    By stand-ins for d and V: the policy gets to one of the goals, or stays where it is; V of
-    passing a goal, before its sigmoid, and of holding it. Goals go by their free component: 1, 2,
-    3, and 0 of the present.
+    By stand-ins for d and the policy: after how many steps it gets to a goal, or never, and leaves
+    it, or never. Goals go by their free component: 1, 2, 3, and 0 of the present.
     """
 
-    def way(_: Any, act: Any, state: Any, latents: Any) -> Any:
-        return jnp.concatenate([state[None], jnp.tile(act(jnp.int32(0), state), (len(latents), 1))])
+    def when(table: Mapping[int, int], goal: Any) -> Any:
+        every = jnp.array([table.get(i, 1000) for i in range(4)], jnp.int32)
+        return every[jnp.round(goal[1]).astype(int)]
 
-    def policy(_: Any, __: Any, state: Any, goal: Any) -> Any:
-        return jnp.where(jnp.round(goal[1]) == gets_to, goal, state)
+    def way(_: Any, act: Any, state: Any, latents: Any) -> Any:
+        goal, step = act(jnp.int32(0), state), jnp.arange(len(latents) + 1, dtype=jnp.int32)
+        there = (step >= when(arrives, goal)) & (step < when(leaves, goal))
+        return jnp.where(there[:, None], goal, state)
 
     monkeypatch.setattr(completion, "rolled", way)
-    monkeypatch.setattr(completion, "central", policy)
-
-    def known_by(table: Sequence[float]) -> Any:
-        return lambda _, goal: jnp.array(table, float)[jnp.round(goal[1]).astype(int)]
-
+    monkeypatch.setattr(completion, "central", lambda config, models, state, goal: goal)
     none: Any = None
-    models = Models(none, Known(), none, none, (known_by(held), known_by(near)))
+    models = Models(none, Known(), none, none, ())
     states = jnp.stack([jnp.ones(40), 1.0 + jnp.arange(40.0) % 3], axis=1)
     atlas = Atlas(states, jnp.zeros(40, bool))
     here, asked = jnp.array([5.0, 0.0]), jnp.array([1.0, jnp.nan])
-    known = replace(preset("any"), discount=0.99), models, Scale(jnp.zeros(2), jnp.ones(2))
+    known = preset("any"), models, Scale(jnp.zeros(2), jnp.ones(2))
     goal = completion.completed(*known, (), atlas, here, asked, {})
     assert goal[0] == 1
     return float(goal[1])
 
 
-def test_of_what_fits_the_agent_goes_to_what_it_can_keep(monkeypatch):
-    assert choose(monkeypatch, held=[-50, -30, -5, -20]) == 2
+def test_of_what_fits_the_agent_goes_to_what_it_meets_soonest(monkeypatch):
+    assert choose(monkeypatch, arrives={1: 7, 2: 3, 3: 12}) == 2
 
 
-def test_or_to_what_it_meets_soonest(monkeypatch):
-    assert choose(monkeypatch, near=[0, 0, 0, 9]) == 3
+def test_or_to_what_it_can_keep(monkeypatch):
+    assert choose(monkeypatch, arrives={1: 10, 2: 3}, leaves={2: 6}) == 1
 
 
 def test_the_present_state_is_a_choice_too(monkeypatch):
-    assert choose(monkeypatch, near=[9, 0, 0, 0]) == 0
-
-
-def test_what_is_met_on_the_imagined_way_counts_more_than_what_v_says(monkeypatch):
-    assert choose(monkeypatch, near=[0, 0, 4, 0], gets_to=1) == 1
+    assert choose(monkeypatch, arrives={0: 1, 3: 2}) == 0
 
 
 def test_an_agent_carries_states_that_it_has_visited(tmp_path, cartpole):

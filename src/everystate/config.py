@@ -12,7 +12,7 @@ from typing import Literal, get_type_hints
 from everystate.errors import EverystateError
 from everystate.limits import RANGES, require_in_range, require_kind
 
-RewardShape = Literal["exponential", "rational", "cusp", "two-slopes"]
+RewardShape = Literal["exponential", "rational", "two-slopes"]
 FlowFamily = Literal["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
 
 MODEL_COPY = "model_copy"
@@ -60,8 +60,8 @@ class Config:
     """Where |dz| is taken: latent space of f (paper); scaled states, which stay put [D9]; or these
     in units of what a step changes each component by [D27]."""
     reward_shape: RewardShape = "exponential"
-    """exp(-k |dz|^2) (paper); 1 / (1 + k |dz|^2), which is felt from far away [D21]; a cusp,
-    exp(-sqrt(k) |dz|), which is felt until the goal is met exactly [D38]; or half a cusp and half
+    """exp(-k |dz|^2) (paper); 1 / (1 + k |dz|^2), which is felt from far away [D21]; or half a
+    cusp exp(-sqrt(k) |dz|), which is felt until the goal is met exactly [D38], and half
     1 / (1 + k |dz|^2), dz in steps, which is felt from afar by what is slow to change [D45]."""
 
     # --- Safe improvement (4.3, Algorithm 1) ---

@@ -153,7 +153,8 @@ def read(
     try:
         description = read_json(folder / "agent.json")
         _require_sound(folder, description)
-        config = config_from_json(description["config"])
+        found = description["format"]
+        config = config_from_json(formats.config_of_today(description["config"], found))
         body = BodyInfo(**description["body"])
         names = {n: tuple(getattr(body, n)) for n in ("state_names", "action_names")}
         horizontal = tuple((int(x), int(y)) for x, y in body.horizontal)
@@ -174,7 +175,7 @@ def read(
         arrays = {n: _full(x) for n, x in arrays.items()}
         visited = arrays.pop(_VISITED, None)
         sizes = len(body.state_names), config.frequencies
-        arrays = formats.brought_up(arrays, description["format"], *sizes)
+        arrays = formats.brought_up(arrays, found, *sizes)
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
         return models, Scale(**units), config, body, act_with, visited

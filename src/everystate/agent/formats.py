@@ -1,10 +1,13 @@
-"""Formats of exported agents, and what makes the arrays of an older one those of today's."""
+"""Formats of exported agents, and what makes of an older one one of today's."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-FORMAT = 7
+FORMAT = 8
+CUSPED = 7
+"""The format of agents that may hold goals by a cusp alone."""
 UNTURNED = 6
 """The format of agents that see which way they face."""
 UNVISITED = 5
@@ -15,7 +18,13 @@ SINGLE = 3
 """The format before that, with one policy and one V, whose components all count."""
 UNCHECKED = 2
 """The format before checksums and models: read with a warning."""
-READ = FORMAT, UNTURNED, UNVISITED, STEEP, SINGLE
+READ = FORMAT, CUSPED, UNTURNED, UNVISITED, STEEP, SINGLE
+
+
+def config_of_today(values: Mapping[str, Any], found: int) -> dict[str, Any]:
+    """The config of an agent of format `found`. Of what it learned by, a search alone asks."""
+    cusped = found <= CUSPED and values.get("reward_shape") == "cusp"
+    return dict(values) | ({"reward_shape": "two-slopes"} if cusped else {})
 
 
 def brought_up(

@@ -15,14 +15,14 @@ from everystate.learning.facing import Horizontal, inward, outward
 from everystate.learning.goals import imagined
 from everystate.learning.keys import named
 from everystate.learning.models import Models, Scale
-from everystate.learning.objectives import HOLD, PASS, holdable, worths
+from everystate.learning.objectives import holdable
 from everystate.learning.policy import central
 from everystate.learning.state import AgentState
 from everystate.learning.ways import rolled
 
 _VISITED, _IMAGINED = 1024, 4096
 _CHOICES = 32
-_STEPS = 8
+_STEPS = 32
 _NEAR = 0.3
 """σ within which what is asked is met, as the kernel of the default has it."""
 _LASTS = 2.0
@@ -77,8 +77,8 @@ def completed(
     Candidates are the states of the atlas that come nearest to what is asked, as many again of
     those to stay in, and the present state; on level ground all turned to face as it does. In each,
     what is asked is set, and the rest left as it is. On the way that the policy goes to each, by d,
-    only what is asked counts for the first steps, then what V says of the rest. So the goal moves
-    on with the body as long as it is chosen anew at every step.
+    only what is asked counts. So the goal moves on with the body as long as it is chosen anew at
+    every step.
 
     Args:
         config: hyper-parameters.
@@ -174,8 +174,9 @@ def _worth(
 ) -> Float[Array, ""]:
     """How well and how soon what is asked is met on the way to a whole goal, and for how long.
 
-    The two counts are those of the objectives [D31], with what is asked in the place of the goal
-    for as long as the way is imagined.
+    As the objectives count [D31], with what is asked in the place of the goal. V is not asked what
+    comes after: one component in thirty that is off is less than it is wrong by, and the best of
+    many that it promises is one that it is wrong about.
     """
 
     def act(_: Array, s: Float[Array, " s"]) -> Float[Array, " a"]:
@@ -183,11 +184,5 @@ def _worth(
 
     way = rolled(models, act, here, jnp.zeros((_STEPS, here.size)))
     met = jax.vmap(near)(way[1:])
-    after = worths(config, models.values, way[-1], goal)
-    fades = config.discount ** jnp.arange(_STEPS + 1.0)
-    stays = jnp.sum(fades[:-1] * (met - 1)) + fades[-1] * after[HOLD]
-    if len(models.values) == 1:
-        return stays
-    later = 1 + (1 - config.discount) * after[PASS]
-    hits = jnp.maximum(jnp.max(fades[:-1] * met), fades[-1] * later)
-    return hits + _LASTS * (1 - config.discount) * stays
+    fades = config.discount ** jnp.arange(float(_STEPS))
+    return jnp.max(fades * met) + _LASTS * jnp.mean(met)

@@ -60,14 +60,8 @@ def closeness(
     match shape or config.reward_shape:
         case "rational":
             return 1 / (1 + square)
-        case "cusp":
-            return _cusp(square)
-        case "two-slopes":
-            return (_cusp(square) + 1 / (1 + of_steps[0])) / 2
+        case "two-slopes":  # Rounded, as a slope that turns about at once is no slope at all.
+            cusp = jnp.exp(_ROUNDED - jnp.sqrt(square + _ROUNDED**2))
+            return (cusp + 1 / (1 + of_steps[0])) / 2
         case "exponential":
             return jnp.exp(-square)
-
-
-def _cusp(square: Float[Array, ""]) -> Float[Array, ""]:
-    """exp(-distance), but rounded: a slope that turns about at once is no slope at all."""
-    return jnp.exp(_ROUNDED - jnp.sqrt(square + _ROUNDED**2))
