@@ -27,14 +27,15 @@ NAMES = "x", "y", "speed"
 CENTRE, SPREAD = np.array([1.0, -2.0, 0.0]), np.array([0.5, 4.0, 1.0])
 PAPER = preset("test")
 ANY = preset("test", "arm.xml")
+OTHER = dataclasses.replace(ANY, reward_shape="rational", reward_space="latent")
 CONFIGS = {
     "the paper's": preset("test", flow_shift=False, alternate=False, frequencies=0),
     "four layers": preset("test", policy_layers=4),
     "five layers": preset("test", policy_layers=5, relative_goals=True),
     "hold and pass": ANY,
-    "in steps": dataclasses.replace(ANY, reward_space="steps", centres=False),
-    "in latent space": dataclasses.replace(ANY, reward_space="latent", kernel_width=0.0, k=0.3),
-    "unlike h": dataclasses.replace(ANY, reward_space="latent", alternate=False, kernel_width=1.0),
+    "in steps": dataclasses.replace(OTHER, reward_space="steps", centres=False),
+    "in latent space": dataclasses.replace(OTHER, kernel_width=0.0, k=0.3),
+    "unlike h": dataclasses.replace(OTHER, alternate=False, kernel_width=1.0),
     "another flow": dataclasses.replace(ANY, flow="coupling-affine"),
 }
 
@@ -168,7 +169,7 @@ def test_a_misspelt_ending_is_no_folder(ending: str, meant: str, tmp_path: Path)
 
 @pytest.mark.parametrize(
     "changes",
-    [{"centres": False}, {"reward_space": "latent"}],
+    [{"centres": False}, {"reward_space": "latent", "reward_shape": "rational"}],
 )
 def test_what_has_no_steps_is_refused(changes: dict[str, Any], tmp_path: Path) -> None:
     agent = agent_of(dataclasses.replace(CONFIGS["another flow"], **changes))

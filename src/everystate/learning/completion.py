@@ -21,7 +21,7 @@ from everystate.learning.state import AgentState
 from everystate.learning.ways import rolled
 
 _VISITED, _IMAGINED = 1024, 4096
-_CHOICES = 32
+_CHOICES = 16
 _STEPS = 32
 _NEAR = 0.3
 """σ within which what is asked is met, as the kernel of the default has it."""
