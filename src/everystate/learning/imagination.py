@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.objectives import Objective
+from everystate.learning.policy import worst
 from everystate.learning.ways import nearness, rolled
 
 
@@ -38,20 +39,24 @@ within.defvjp(lambda action, steepest: (within(action, steepest), action), _with
 
 
 class Imagined(NamedTuple):
-    """What the same imagined steps are worth, by two counts."""
+    """What N ways of each (s, g) tell."""
 
-    climbed: Float[Array, " batch"]
-    """Reaching may end no count here, as in planning: so the policy cares for what comes after."""
+    worst: Float[Array, "batch steps s"]
+    """z of the outcomes on the worst of them, which is the one to make better (eq. 3)."""
     states: Float[Array, "batch n s"]
-    """Where V learns: s, and every `value_stride`-th state on the way from there [D42]."""
+    """Where V learns, on one way: s, and every `value_stride`-th state from there [D42]."""
     counted: Float[Array, "batch n"]
     """What V is there: reaching ends the count as V has it [D10]."""
 
 
-def imagined_returns(
+Act = Callable[[Float[Array, " s"], Float[Array, " s"]], Float[Array, " a"]]
+"""The centre of a policy, which acts at every step, as the agent will."""
+
+
+def imagined(
     config: Config,
     models: Any,
-    policy: Callable[[Float[Array, " s"], Float[Array, " s"]], Float[Array, " a"]],
+    policy: Act,
     target_value: Callable,
     aim: Objective,
     states: Float[Array, "batch s"],
@@ -59,15 +64,12 @@ def imagined_returns(
     *,
     key: PRNGKeyArray,
 ) -> Imagined:
-    """For each (s, g) the rewards of `imagined_steps` steps by d, and V_targ after them.
-
-    Their gradient is meant for a loss that has the mean of `climbed`, times minus
-    `imagined_weight`: see `within`.
+    """For each (s, g) N ways of `imagined_steps` steps by d, and V_targ after them.
 
     Args:
         config: hyper-parameters.
         models: anything with `state_flow` and `dynamics`, as in `Models`.
-        policy: the centre of pi, which acts at every step, as the agent will.
+        policy: as it is now.
         target_value: V_targ(s, g).
         aim: what V counts.
         states: s, scaled.
@@ -75,18 +77,55 @@ def imagined_returns(
         key: of the samples of d.
     """
 
-    def of_one(state: Array, goal: Array, latents: Float[Array, "steps s"]) -> Imagined:
+    def of_one(state: Array, goal: Array, latents: Float[Array, "N steps s"]) -> Imagined:
+        ways, near, last = jax.vmap(lambda z: way(state, goal, z))(latents)
+        returns = jax.vmap(aim.climbed)(near, last)
+        counted = aim.counted(near[0], last[0])
+        return Imagined(latents[worst(config, returns)], ways[0, :-1:stride], counted[::stride])
+
+    pairs, size = states.shape
+    way = _way(config, models, policy, target_value, aim, pairs)
+    stride = config.value_stride or config.imagined_steps
+    latents = jax.random.normal(key, (pairs, config.N, config.imagined_steps, size))
+    return jax.vmap(of_one)(states, goals, latents)
+
+
+def climbed(
+    config: Config,
+    models: Any,
+    policy: Act,
+    target_value: Callable,
+    aim: Objective,
+    states: Float[Array, "batch s"],
+    goals: Float[Array, "batch s"],
+    latents: Float[Array, "batch steps s"],
+) -> Float[Array, " batch"]:
+    """For each (s, g) what the policy makes large on the way with these outcomes.
+
+    Reaching may end no count here, as in planning: so the policy cares for what comes after. The
+    gradient is meant for a loss that has the mean of it, times minus `imagined_weight`: see
+    `within`. For the arguments see `imagined`.
+    """
+
+    def of_one(state: Array, goal: Array, latents: Float[Array, "steps s"]) -> Float[Array, ""]:
+        return aim.climbed(*way(state, goal, latents)[1:])
+
+    way = _way(config, models, policy, target_value, aim, len(states))
+    return jax.vmap(of_one)(states, goals, latents)
+
+
+def _way(
+    config: Config, models: Any, policy: Act, target_value: Callable, aim: Objective, pairs: int
+) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
+    """From s, g and latents: the states on the way, how near they are, and V where it ends."""
+    steepest = config.steepest * config.imagined_weight / pairs
+
+    def way(state: Array, goal: Array, latents: Array) -> tuple[Array, Array, Array]:
         def act(_: Array, s: Float[Array, " s"]) -> Float[Array, " a"]:
             return within(policy(s, goal), steepest)
 
-        way = rolled(models, act, state, latents)
-        near = nearness(config, models, aim, way, goal)
-        last = aim.read(target_value(way[-1], goal))
-        counted = aim.counted(near, last)[::stride]
-        return Imagined(aim.climbed(near, last), way[:-1:stride], counted)
+        states = rolled(models, act, state, latents)
+        near = nearness(config, models, aim, states, goal)
+        return states, near, aim.read(target_value(states[-1], goal))
 
-    pairs, size = states.shape
-    stride = config.value_stride or config.imagined_steps
-    steepest = config.steepest * config.imagined_weight / pairs
-    latents = jax.random.normal(key, (pairs, config.imagined_steps, size))
-    return jax.vmap(of_one)(states, goals, latents)
+    return way

@@ -11,7 +11,7 @@ from everystate.config import Config
 from everystate.learning.components import unit
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
-from everystate.learning.imagination import imagined_returns
+from everystate.learning.imagination import climbed, imagined
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
 from everystate.learning.networks import Value
@@ -67,19 +67,11 @@ def gradients(
             better = better_loss(policy, starts[some], goals[some], improvement)
             parts["better"] = config.imagined_weight * better / len(starts)
         where, towards, targets = starts, goals, improvement.value
-        if config.imagined_weight or config.imagined_targets:
-            imagined = imagined_returns(
-                config,
-                models._replace(dynamics=imagines),
-                policy.central,
-                target_values[number],
-                aim,
-                starts,
-                goals,
-                key=named(key, f"imagined{aim.suffix}"),
-            )
-            parts["imagined"] = -config.imagined_weight * imagined.climbed.mean()
-            along, counted = jax.lax.stop_gradient((imagined.states, imagined.counted))
+        if ways:
+            known = by_d, policy.central, target_values[number], aim, starts, goals
+            latents, along, counted = ways[number]
+            returns = climbed(config, *known, latents)
+            parts["imagined"] = -config.imagined_weight * returns.mean()
             first = counted[:, 0]
             if config.imagined_targets == 1:
                 targets = first.at[some].set(improvement.value) if config.kept_steps else first
@@ -110,6 +102,21 @@ def gradients(
             parts |= of_objective(new, number)
         return jnp.stack(list(parts.values())).sum(), parts
 
+    by_d = models._replace(dynamics=imagines)
+    ways = [
+        imagined(
+            config,
+            by_d,
+            policy.central,
+            target,
+            aim,
+            starts,
+            goals,
+            key=named(key, f"imagined{aim.suffix}"),
+        )
+        for policy, target, aim in zip(models.policies, target_values, aims, strict=True)
+        if config.imagined_weight or config.imagined_targets
+    ]
     wanted = improvements[0].value
     errors = (values(models.values[0], starts[some], goals[some]) - wanted) ** 2
     weights = curriculum_weights(config, errors, wanted)
