@@ -62,7 +62,7 @@ class Config:
     reward_shape: RewardShape = "exponential"
     """exp(-k |dz|^2) (paper); 1 / (1 + k |dz|^2), which is felt from far away [D21]; or half a
     cusp exp(-sqrt(k) |dz|), which is felt until the goal is met exactly [D38], and half
-    1 / (1 + k |dz|^2), dz in steps, which is felt from afar by what is slow to change [D45]."""
+    1 / (1 + |dz|^2 / n), dz in steps, which is felt from afar by what is slow to change [D45]."""
 
     # --- Safe improvement (4.3, Algorithm 1) ---
     j: int = 1

@@ -70,6 +70,7 @@ _ANY = _SMALL | {
     "m": 50,
     "rare_share": 0.5,
     "calm_share": 1 / 3,
+    "N": 2,
     "objective": "hold-and-pass",
     "reward_shape": "two-slopes",
     "absorb": 0.1,

@@ -56,12 +56,12 @@ def closeness(
     parts = jnp.split(off, 2) if config.reward_shape == "two-slopes" else [off]
     width = config.kernel_width
     k = 1 / (parts[0].size * width**2) if width else config.k
-    square, *of_steps = (k * jnp.sum(part**2) for part in parts)
+    square = k * jnp.sum(parts[0] ** 2)
     match shape or config.reward_shape:
         case "rational":
             return 1 / (1 + square)
         case "two-slopes":  # Rounded, as a slope that turns about at once is no slope at all.
             cusp = jnp.exp(_ROUNDED - jnp.sqrt(square + _ROUNDED**2))
-            return (cusp + 1 / (1 + of_steps[0])) / 2
+            return (cusp + 1 / (1 + jnp.mean(parts[1] ** 2))) / 2
         case "exponential":
             return jnp.exp(-square)
