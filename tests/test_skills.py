@@ -1,11 +1,12 @@
 """Named skills: rules on hand-made trajectories, and agents that know them or do not."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
-from everystate import cli, evaluation
+from everystate import cli, evaluation, goals
 from everystate.agent import Performance
 from everystate.config import Config
 from everystate.envs import BODIES, make
@@ -36,7 +37,12 @@ def test_every_skill_asks_for_what_its_body_has(body: str, name: str) -> None:
     env = make(body, 3, 0)
     env.set_observations(one.starts(np.random.default_rng(0), 3))
     for step in (0, one.steps - 1, one.steps + 100):
-        assert len(one.goal(step)) == len(env.state_names)
+        goal = one.goal(step)
+        if isinstance(goal, Mapping):
+            goals.asked(goal, env.state_names)  # raises for what it has not
+        else:
+            assert len(goal) == len(env.state_names)
+    assert one.whole == all(isinstance(goal, tuple) for goal in one.goals)
     assert one.goal(0) == one.goals[0]
     assert one.goal(one.steps - 1) == one.goals[-1]
 
@@ -44,7 +50,7 @@ def test_every_skill_asks_for_what_its_body_has(body: str, name: str) -> None:
 @pytest.mark.parametrize(("body", "name"), NAMES)
 def test_rules_can_be_asked_from_the_first_step_on(body: str, name: str) -> None:
     one = skill(body, name)
-    goal = np.array(one.goals[-1])
+    goal = np.array(one.goals[-1]) if one.whole else one.starts(np.random.default_rng(0), 1)[0]
     for steps in (1, 2, 4):
         assert one.done(np.tile(goal, (steps, 3, 1))).shape == (3,)
         assert name in ("jump", "pass-top") or not one.done(np.tile(goal, (steps, 3, 1))).any()
@@ -210,6 +216,33 @@ def test_successes_are_told_start_by_start() -> None:
     assert {done.shape for done in each.values()} == {(100,)}
 
 
+def test_a_skill_that_asks_for_parts_is_for_agents_that_complete_them() -> None:
+    """From fewer starts; whoever knows whole states only is not asked."""
+
+    class Standing:
+        config, asked = preset("test", "cartpole"), []
+
+        def act(self, observation: Any, goal: Any, **_: Any) -> np.ndarray:
+            self.asked.append(goal)
+            return np.zeros((len(observation), 1), np.float32)
+
+        def steps_to_goal(self, observation: Any, goal: Any) -> np.ndarray:
+            return np.zeros(len(observation))
+
+    class Completes(Standing):
+        def complete(self, observation: Any, goal: Any) -> Any:
+            raise AssertionError("the skill's goal goes to act as it is")
+
+    whole = evaluation.successes(Standing(), plan=False)
+    assert set(whole) == {n for n, one in SKILLS["cartpole"].items() if one.whole}
+    every = evaluation.successes(Completes(), plan=False)
+    assert set(every) == set(SKILLS["cartpole"])
+    assert {n for n, done in every.items() if done.shape == (20,)} == set(every) - set(whole)
+    assert {"pole_angle": 0.0, "pole_velocity": 0.0} in [
+        goal for goal in Completes.asked if isinstance(goal, dict)
+    ]
+
+
 def test_a_fall_spoils_a_skill_that_forbids_it() -> None:
     class Jumper(Walker):
         def act(self, *args: Any, **kwargs: Any) -> np.ndarray:
@@ -226,7 +259,7 @@ def test_a_performance_goes_from_goal_to_goal() -> None:
     performance = Performance(Walker(), skill("ramp-pointmass", "come-back"), False, 0)
     goals = []
     while not performance.over:
-        goals.append(tuple(round(float(x), 2) for x in performance.goal))
+        goals.append(tuple(round(float(x), 2) for x in np.array(performance.goal)))
         performance(np.zeros((4, 2), dtype=np.float32))
     assert list(dict.fromkeys(goals)) == [(0.75, 0.8), (0.75, -0.8), (-0.3, -0.3)]
     assert len(goals) == 150

@@ -1,12 +1,14 @@
 """An agent that performs a named skill: one goal after the other, an action at a time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32
 from numpy.typing import ArrayLike
 
+from everystate.goals import Goal
 from everystate.skills import Skill
 
 
@@ -20,7 +22,7 @@ class Actor(Protocol):
     """What can be sent to a goal."""
 
     def act(
-        self, observation: ArrayLike, goal: ArrayLike, *, plan: bool = False, seed: int = 0
+        self, observation: ArrayLike, goal: Any, *, plan: bool = False, seed: int = 0
     ) -> Float32[np.ndarray, "*n action"]: ...
 
 
@@ -36,9 +38,10 @@ class Performance:
     """Control steps done so far."""
 
     @property
-    def goal(self) -> Float32[np.ndarray, " state"]:
+    def goal(self) -> Goal:
         """Where it is going now."""
-        return np.array(self.skill.goal(self.step), dtype=np.float32)
+        goal = self.skill.goal(self.step)
+        return goal if isinstance(goal, Mapping) else np.array(goal, dtype=np.float32)
 
     @property
     def over(self) -> bool:

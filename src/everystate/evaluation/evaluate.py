@@ -11,7 +11,7 @@ from everystate.evaluation import suites
 from everystate.evaluation.agents import Agent
 from everystate.evaluation.counting import Counting, OnStep
 from everystate.evaluation.measure import measure
-from everystate.evaluation.performances import STARTS, success_rates
+from everystate.evaluation.performances import OF_PARTS, STARTS, known_to, success_rates
 from everystate.evaluation.perturbations import GRID, summarised
 from everystate.evaluation.provenance import provenance
 from everystate.skills import skills_of
@@ -69,7 +69,7 @@ def evaluate(
     if on_step:
         each = [int(one.horizons.max()) for one in loaded]
         each += [each[0]] * len(GRID) if perturb else []
-        each += [one.steps for one in skills_of(config.body).values()] if skills else []
+        each += [one.steps for one in known_to(agent).values()] if skills else []
         agent = Counting(agent, {False: sum(each), True: sum(each) if plan else 0}, on_step)
     measured = {}
     for one in loaded:
@@ -78,7 +78,8 @@ def evaluate(
     shown = None
     if skills:
         rates = {way: success_rates(agent, plan=p, seed=seed) for way, p in ways.items()}
-        shown = {"planning": None, "starts": STARTS} | rates
+        of_parts = None if all(one.whole for one in known_to(agent).values()) else OF_PARTS
+        shown = {"planning": None, "starts": STARTS, "starts_of_parts": of_parts} | rates
     return {
         "body": config.body,
         "score": sum(one["policy"]["score"]["all"] for one in measured.values()) / len(measured),

@@ -71,7 +71,10 @@ def beside_table(result: Mapping[str, Any], name: str) -> Table:
 def skills_table(result: Mapping[str, Any]) -> Table:
     """The shares of starts from which the named skills succeeded."""
     skills = result["skills"]
-    shown = Table(title="Named skills", caption=f"of {skills['starts']} starts")
+    few = skills.get("starts_of_parts")  # older results have none
+    asked_whole = f"of {skills['starts']} starts"
+    caption = f"{asked_whole}, or {few} where it asks for parts of a state" if few else asked_whole
+    shown = Table(title="Named skills", caption=caption)
     shown.add_column("skill")
     ways = [way for way in ("policy", "planning") if skills[way]]
     for heading in ways:

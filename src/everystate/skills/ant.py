@@ -1,5 +1,6 @@
 """Skills of the ant: its height, the x and y axes of its torso, its joints, and all velocities."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,11 +18,12 @@ from everystate.skills.ant_rules import (
     still,
     upright,
 )
-from everystate.skills.skill import Skill, States, held, kept, once
+from everystate.skills.skill import Rule, Skill, States, held, kept, once
 
 STANDS = 0.52  # m, of its torso above the floor, with ankles at 0
 _FACING = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # upright, its x axis along the world's
 OVER = (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)
+_LEVEL = {"pitch": 0.0, "roll": 0.0}
 
 
 def state(
@@ -93,22 +95,51 @@ def _spin(side: str, way: int) -> Skill:
     )
 
 
-def _walk(name: str, axis: int) -> Skill:
-    """Along an axis of its torso, by goals that trot before it."""
+def _turn(side: str, way: int) -> Skill:
+    """About the vertical, told its turning rate and to stay level, and nothing else."""
+    text = (
+        f"told a turning rate of 1.2 rad/s to the {side} and to stay level: upright, its torso off"
+    )
+    return replace(
+        _spin(side, way),
+        text=f"{text} the floor, turn by 3 rad within 3 of 10 s",
+        goals=({"turning_rate": way * 1.2, **_LEVEL},),
+    )
+
+
+def _moves(axis: int) -> Rule:
+    """Upright, at half a metre a second along an axis of its torso, over 3 of 10 s."""
     own = slice(1 + 3 * axis, 3 + 3 * axis)  # seen from above
-    steps = 10 * SECOND
 
     def done(states: States) -> Bool[np.ndarray, " starts"]:
         speed = (states[..., 15:17] * states[..., own]).sum(axis=-1)
         return for_three_seconds(speed, 0.5, upright(states))
 
+    return done
+
+
+def _go(way: str, feature: str, axis: int) -> Skill:
+    """Along an axis of its torso, told that velocity and to stay level, and nothing else."""
+    return Skill(
+        text=f"told a velocity of 0.6 m/s {way} and to stay level, from any heading: upright, its"
+        " torso off the floor, at 0.5 m/s over 3 of 10 s",
+        goals=({feature: 0.6, **_LEVEL},),
+        steps=10 * SECOND,
+        starts=_standing,
+        done=_moves(axis),
+    )
+
+
+def _walk(name: str, axis: int) -> Skill:
+    """Along an axis of its torso, by goals that trot before it."""
+    steps = 10 * SECOND
     return Skill(
         text=f"follow a trot that is supplied joint by joint along its own {name} axis, from within"
         " 0.3 rad of its heading: upright, its torso off the floor, at 0.5 m/s over 3 of 10 s",
         goals=tuple(_trot(axis, step) for step in range(steps)),
         steps=steps,
         starts=partial(_standing, within=0.3),  # the goals face along x and do not wait
-        done=done,
+        done=_moves(axis),
     )
 
 
@@ -135,8 +166,20 @@ SKILLS = {
         starts=anyhow,
         done=kept(lambda states: on_its_feet(states) & still(states), SECOND),
     ),
+    "get-up": Skill(
+        text="dropped in any orientation and told its height and to stay level: be on its feet, its"
+        " torso off the floor, and nearly still for the last second of 10",
+        goals=({"height": STANDS, **_LEVEL},),
+        steps=10 * SECOND,
+        starts=anyhow,
+        done=kept(lambda states: on_its_feet(states) & still(states), SECOND),
+    ),
     "spin-left": _spin("left", 1),
     "spin-right": _spin("right", -1),
+    "turn-left": _turn("left", 1),
+    "turn-right": _turn("right", -1),
+    "walk-forward": _go("forward", "forward_velocity", 0),
+    "walk-sideways": _go("sideways", "sideways_velocity", 1),
     "walk-forward-by-gait": _walk("x", 0),
     "walk-sideways-by-gait": _walk("y", 1),
     "jump": Skill(

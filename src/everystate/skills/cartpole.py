@@ -93,6 +93,15 @@ SKILLS = {
         starts=_hanging,
         done=held(lambda states: _upright(states) & _off_ends(states), 10 * _SECOND),
     ),
+    "balance-anywhere": Skill(
+        text="told the pole's angle and velocity and nothing of the cart, swing up from hanging and"
+        " keep the pole within 18 degrees of upright, and the cart 0.2 m off the rail's ends, for"
+        " 10 of 25 s",
+        goals=({"pole_angle": 0.0, "pole_velocity": 0.0},),
+        steps=25 * _SECOND,
+        starts=_hanging,
+        done=held(lambda states: _upright(states) & _off_ends(states), 10 * _SECOND),
+    ),
     "spin-right": _spin("right", 1),
     "spin-left": _spin("left", -1),
     "hang-left": _hang(-1.0),

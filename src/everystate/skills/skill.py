@@ -3,7 +3,7 @@
 Rules look at the states that were recorded on the way, in the body's own units.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,8 @@ States = Float[np.ndarray, "steps starts state"]
 At = Callable[[States], Bool[np.ndarray, "steps starts"]]
 Rule = Callable[[States], Bool[np.ndarray, " starts"]]
 Starts = Callable[[np.random.Generator, int], Float[np.ndarray, "starts state"]]
+Goal = tuple[float, ...] | Mapping[str, float]
+"""A whole state, or what is asked of it by the names of components and features."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +22,8 @@ class Skill:
     """What to ask for and how to tell whether it was done."""
 
     text: str
-    goals: tuple[tuple[float, ...], ...]
-    """States to reach one after the other, each for an equal share of the steps."""
+    goals: tuple[Goal, ...]
+    """To reach one after the other, each for an equal share of the steps."""
     steps: int
     """Control steps in all."""
     starts: Starts
@@ -30,7 +32,12 @@ class Skill:
     may_fall: bool = True
     """Whether a fall on the way (`falls` of the body) still counts."""
 
-    def goal(self, step: int) -> tuple[float, ...]:
+    @property
+    def whole(self) -> bool:
+        """Whether it asks for whole states, as any agent can be sent to."""
+        return not any(isinstance(goal, Mapping) for goal in self.goals)
+
+    def goal(self, step: int) -> Goal:
         """The goal at a step; the last one is kept."""
         return self.goals[min(step * len(self.goals) // self.steps, len(self.goals) - 1)]
 

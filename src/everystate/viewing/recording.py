@@ -49,7 +49,8 @@ def record_skill(agent: Agent, name: str, *, plan: bool, seed: int) -> Recording
     """A named skill, from one of its starts."""
     one = skill_of(agent.config.body, name)
     states, done = perform(agent, one, plan=plan, seed=seed, starts=1)
-    goals = np.array([one.goal(min(step, one.steps - 1)) for step in range(len(states))])
+    asked = [one.goal(min(step, one.steps - 1)) for step in range(len(states))]
+    goals = np.stack([agent.complete(*pair) for pair in zip(states[:, 0], asked, strict=True)])
     how = "with planning" if plan else "by the policy"
     return _recording(
         agent, f"{name}, {how}: {'done' if done[0] else 'not done'}", states[:, 0], goals

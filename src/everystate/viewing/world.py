@@ -88,7 +88,7 @@ class World:
     def perform(self, skill: str) -> None:
         """Performs a named skill, and goes on with its last goal."""
         self._performance = self._acting().perform(skill, plan=self.plan, seed=self._seed)
-        self.goal = self._performance.goal
+        self.goal = self.agent.complete(self.state, self._performance.goal)
         self._pursue(skill)
 
     def _pursue(self, name: str) -> None:
