@@ -40,8 +40,8 @@ from everystate.cli.options import (
     Studio,
     Sweep,
     Train,
-    parse,
 )
+from everystate.cli.parsing import parse
 from everystate.cli.showing import export, render, report, studio
 from everystate.errors import EverystateError, suggest
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
-from everystate.cli.options import options_of
+from everystate.cli.parsing import options_of
 from everystate.presets import PRESETS
 
 _AGENTS = Path(__file__).parents[1] / "agents"

@@ -8,7 +8,8 @@ from typing import Any
 
 from everystate import config_file
 from everystate.cli.measuring import shown
-from everystate.cli.options import Train, parse
+from everystate.cli.options import Train
+from everystate.cli.parsing import parse
 from everystate.cli.progress import working
 from everystate.config import Config
 from everystate.errors import EverystateError

@@ -2,7 +2,8 @@
 
 import textwrap
 
-from everystate.cli.options import Bodies, Skills, parse
+from everystate.cli.options import Bodies, Skills
+from everystate.cli.parsing import parse
 
 _ROBOTS = """\
 Robots by name, from a folder that MENAGERIE_ROOT names (a checkout of MuJoCo Menagerie) or from an

@@ -4,7 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from everystate.cli.options import Compare, Evaluate, Score, Sweep, parse
+from everystate.cli.options import Compare, Evaluate, Score, Sweep
+from everystate.cli.parsing import parse
 from everystate.cli.progress import working
 from everystate.errors import EverystateError
 

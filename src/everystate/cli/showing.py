@@ -1,6 +1,7 @@
 """Commands that show an agent, or hand it on: `report`, `render`, `studio` and `export`."""
 
-from everystate.cli.options import Export, Render, Report, Studio, parse
+from everystate.cli.options import Export, Render, Report, Studio
+from everystate.cli.parsing import parse
 from everystate.cli.progress import working
 
 
