@@ -10,15 +10,8 @@ import pytest
 from flowjax.distributions import AbstractTransformed
 
 from everystate.config import FlowFamily
-from everystate.learning.flows import (
-    Centred,
-    ConditionalFlow,
-    conditional_flow,
-    decode,
-    encode,
-    frozen,
-    state_flow,
-)
+from everystate.learning.conditional import Centred, ConditionalFlow, conditional_flow
+from everystate.learning.flows import decode, encode, frozen, state_flow
 from everystate.learning.models import Space, new_models
 from everystate.presets import preset
 

@@ -36,6 +36,7 @@ RESULT = ROOT / "results" / "trust" / "mutants.json"
 TESTS = {
     "learning/bijections.py": "test_bijections.py test_flows.py",
     "learning/flows.py": "test_flows.py test_bijections.py",
+    "learning/conditional.py": "test_flows.py test_bijections.py",
     "learning/weights.py": "test_weights.py test_replay.py",
     "learning/replay.py": "test_replay.py",
     "learning/search.py": "test_search.py test_policy.py",

@@ -20,8 +20,8 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.learning.bijections import PLDU
 from everystate.learning.components import factors
+from everystate.learning.conditional import Centred, Conditional, ConditionalFlow
 from everystate.learning.facing import LEAST
-from everystate.learning.flows import Centred, Conditional, ConditionalFlow
 from everystate.learning.models import Models, Scale
 from everystate.learning.networks import GoalInputs, Network
 from everystate.learning.objectives import FIRST_LOGIT, HELD, HOLD, NEAR, PASS

@@ -7,8 +7,9 @@ from flowjax.bijections import Chain
 from flowjax.distributions import AbstractTransformed, StandardNormal, Transformed
 from jaxtyping import Array, Float
 
+from everystate.learning.conditional import Conditional
 from everystate.learning.facing import Horizontal, Outward, inward, outward
-from everystate.learning.flows import Conditional, Onwards
+from everystate.learning.flows import Onwards
 
 
 class Dynamics(eqx.Module):

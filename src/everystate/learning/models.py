@@ -11,9 +11,10 @@ from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.learning.conditional import Centred, Conditional, conditional_flow
 from everystate.learning.dynamics import Dynamics
 from everystate.learning.facing import Horizontal, alike
-from everystate.learning.flows import Centred, Conditional, conditional_flow, state_flow
+from everystate.learning.flows import state_flow
 from everystate.learning.keys import named
 from everystate.learning.networks import GoalInputs, Value
 from everystate.learning.objectives import objectives

@@ -11,8 +11,9 @@ from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.learning.conditional import Centred, Conditional
 from everystate.learning.facing import Horizontal
-from everystate.learning.flows import Centred, Conditional, decode
+from everystate.learning.flows import decode
 from everystate.learning.networks import GoalInputs, with_goal
 from everystate.learning.objectives import Objective, pursued
 from everystate.learning.rewards import placing

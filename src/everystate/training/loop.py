@@ -1,11 +1,7 @@
 """The training loop: a schedule of collection, learning, logging and checkpoints."""
 
-import signal
-import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -39,6 +35,7 @@ from everystate.training.groups import Crew, Groups, InProcess, size_of
 from everystate.training.learner import Learner, compiled
 from everystate.training.logging import Log, OnEpoch, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
+from everystate.training.stops import interrupts, written
 
 _visited = eqx.filter_jit(visited)
 
@@ -107,7 +104,7 @@ def _lead(config: Config, path: Path, crew: Crew | None, make_log: Callable[...,
     # With a crew, only to know what they are like: theirs may be robots.
     count = 1 if crew else size_of(config)
     env = _bodies(config, count, path)
-    with _written(), open_run(path, config, info(config, env)) as folder:
+    with written(), open_run(path, config, info(config, env)) as folder:
         own = with_own_copy(config, env, folder)
         if own != config:
             config, env = own, make_bodies(own, count)
@@ -115,7 +112,7 @@ def _lead(config: Config, path: Path, crew: Crew | None, make_log: Callable[...,
         snapshot = checkpoint.restore(folder / "checkpoints", config, space)
         done = snapshot.epoch if snapshot else 0
         with (
-            _interrupts() as interrupted,
+            interrupts() as interrupted,
             make_log(folder, done=done) as log,
         ):
             learner = compiled(config)
@@ -236,36 +233,3 @@ def _kept(checkpoints: Path) -> str:
 def _agent(config: Config, env: BodyVectorEnv, snapshot: Snapshot) -> Agent:
     models, scale = hosts.local((snapshot.agent.kept, snapshot.agent.scale))
     return Agent(models, scale, config, info(config, env))
-
-
-@contextmanager
-def _written() -> Iterator[None]:
-    """What the disk refuses, as an error of ours."""
-    try:
-        yield
-    except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        raise EverystateError(
-            f"cannot write{where} ({error.strerror}): the last checkpoint is kept; once there is"
-            f" room to write, the same command goes on from there"
-        ) from error
-
-
-@contextmanager
-def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed; the second time it does what it did before."""
-    pressed = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield pressed.is_set  # Signals are the main thread's affair.
-        return
-
-    def first(*_: object) -> None:
-        pressed.set()
-        signal.signal(signal.SIGINT, previous)
-        print("\nstopping as soon as the run can be saved; again to give up", file=sys.stderr)
-
-    previous = signal.signal(signal.SIGINT, first)
-    try:
-        yield pressed.is_set
-    finally:
-        signal.signal(signal.SIGINT, previous)
