@@ -19,7 +19,7 @@ from everystate import benchmark, cli, evaluation
 from everystate.benchmark import ENVIRONMENTS, GoalEnv, GoalVectorEnv, recording
 from everystate.envs import BODIES, make
 from everystate.errors import EverystateError
-from everystate.evaluation import metrics, suites
+from everystate.evaluation import metrics, suite_file, suites
 
 MOTION = "everystate/CartpoleMotion-v1"
 # A suite that changes is another version: -v2, with all that was measured on -v1 left to it.
@@ -306,7 +306,7 @@ def test_a_loop_of_ones_own_is_saved_as_what_is_recorded(own: Path, tmp_path: Pa
     saved = benchmark.save(tmp_path / "saved", MOTION, [np.array(w) for w in ways], suite=own)
     kept = benchmark.record(lambda o: np.ones((3, 1)), MOTION, tmp_path / "recorded", suite=own)
     (suite, states), (other, others) = (recording.read(path, own) for path in (saved, kept))
-    assert suites.as_json(suite) == suites.as_json(other)
+    assert suite_file.as_json(suite) == suite_file.as_json(other)
     np.testing.assert_array_equal(states, others)
     found = benchmark.score(saved, own)
     assert found["suites"]["own"]["tasks"] == 3

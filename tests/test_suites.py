@@ -11,7 +11,8 @@ import pytest
 from everystate.envs import BODIES, make
 from everystate.envs.ramp_pointmass import height, region, set_down
 from everystate.errors import EverystateError
-from everystate.evaluation import measure, metrics, suites
+from everystate.evaluation import measure, metrics, suite_file, suites
+from everystate.evaluation.suite import Suite
 from everystate.presets import preset
 
 ROOT = Path(__file__).parents[1]
@@ -75,7 +76,7 @@ def test_suites_keep_their_rules(body: str, name: str) -> None:
 class Replayed:
     """Plays the actions of the path that a task was cut from; then nothing."""
 
-    def __init__(self, suite: suites.Suite) -> None:
+    def __init__(self, suite: Suite) -> None:
         self.config, self.step = preset("test", suite.body), 0
         assert suite.actions is not None
         self.actions = suite.actions
@@ -191,7 +192,7 @@ def test_goals_written_by_hand_need_little(tmp_path: Path) -> None:
     suite = suites.load("ramp-pointmass", path)
     np.testing.assert_allclose(suite.begin(make("ramp-pointmass", 1, 0), 0), [[0.0, -0.5]])
     assert suite.kinds == ("all",)
-    assert suites.from_json(json.loads(suites.to_json(suite))).starts == suite.starts
+    assert suite_file.from_json(json.loads(suite_file.to_json(suite))).starts == suite.starts
 
 
 def test_missing_and_broken_goal_files_are_refused(tmp_path: Path) -> None:

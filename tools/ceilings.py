@@ -16,6 +16,7 @@ from jaxtyping import Float
 from everystate import evaluation
 from everystate.envs import Physics, make
 from everystate.evaluation import metrics, raw, suites
+from everystate.evaluation.suite import Suite
 from everystate.presets import preset
 
 ROUNDS, TRIES, BEST = 10, 50, 8
@@ -30,7 +31,7 @@ Plans = Float[np.ndarray, "tasks steps action"]
 class Played:
     """Plays sequences of actions, one for each task, whatever it sees."""
 
-    def __init__(self, suite: suites.Suite, plans: list[Float[np.ndarray, "steps action"]]) -> None:
+    def __init__(self, suite: Suite, plans: list[Float[np.ndarray, "steps action"]]) -> None:
         self.config, self.plans, self.step = preset("test", suite.body), plans, 0
 
     def act(self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0) -> np.ndarray:
@@ -44,7 +45,7 @@ class Played:
         return np.full(len(observation), np.nan)
 
 
-def search(suite: suites.Suite, rng: np.random.Generator) -> Plans:
+def search(suite: Suite, rng: np.random.Generator) -> Plans:
     """The best sequence found for each task; all tasks have the same horizon."""
     tasks, horizon = len(suite.goals), int(suite.horizons[0])
     assert suite.starts is not None
@@ -70,7 +71,7 @@ def search(suite: suites.Suite, rng: np.random.Generator) -> Plans:
 
 def cost(
     env: Any,
-    suite: suites.Suite,
+    suite: Suite,
     starts: list[Physics],
     tried: Float[np.ndarray, "tasks tries steps action"],
 ) -> Float[np.ndarray, "tasks tries"]:

@@ -12,7 +12,7 @@ from suites_motion import MOVES, motion
 from suites_parts import parts
 from suites_rest import MAKERS
 
-from everystate.evaluation import suites
+from everystate.evaluation import suite_file, suites
 
 SPLITS: tuple[suites.Split, ...] = get_args(suites.Split)
 
@@ -28,7 +28,7 @@ def main(
             made += parts(body, split)
             for suite in made:
                 path = folder / body / f"{suite.name}-{split}.json"
-                path.write_text(suites.to_json(suite))
+                path.write_text(suite_file.to_json(suite))
                 print(path, {name: int(chosen.sum()) for name, chosen in suite.groups.items()})
 
 

@@ -16,7 +16,8 @@ from suites_rest import SEEDS, ant_sigma, cartpole_sigma, rounded
 
 from everystate.envs import BodyVectorEnv, Physics, make
 from everystate.evaluation import metrics
-from everystate.evaluation.suites import Split, Suite
+from everystate.evaluation.suite import Suite
+from everystate.evaluation.suites import Split
 from everystate.skills.ant_rules import jumps, up
 
 KS = (4, 8, 16, 32, 64)

@@ -13,7 +13,8 @@ from suites_rest import MAKERS, SEEDS
 
 from everystate.envs import make
 from everystate.evaluation import metrics
-from everystate.evaluation.suites import Split, Suite
+from everystate.evaluation.suite import Suite
+from everystate.evaluation.suites import Split
 
 _MOST = 5
 """Components asked at most."""

@@ -9,19 +9,20 @@ from table_cells import NONE, RESULTS, Rows, at, read, table
 
 from everystate import envs
 from everystate.benchmark.environments import ENVIRONMENTS
-from everystate.evaluation import suites
+from everystate.evaluation import suite_file, suites
+from everystate.evaluation.suite import Suite
 
 _SHOWN = 12
 """Digits of a checksum: enough to tell files apart."""
 _OTHERS = {"random actions": "random", "doing nothing": "nothing"}
 
 
-def score(path: str, suite: suites.Suite) -> str:
+def score(path: str, suite: Suite) -> str:
     """Of a raw result, which must be of this very suite."""
     if not (RESULTS / path).exists():
         return NONE
     found = read(path)["suites"][suite.name]
-    if found["checksum"] != suites.checksum(suites.as_json(suite)):
+    if found["checksum"] != suite_file.checksum(suite_file.as_json(suite)):
         raise SystemExit(f"{path} was measured on another suite: measure it again")
     return percent(at(found, "policy", "score", "all"))
 
@@ -41,6 +42,6 @@ def environments() -> Rows:
         for agent in _OTHERS.values():
             cells.append(score(f"peers/{body}/{agent}/seed0/evaluation.json", suite))
         cells.append(score(f"suites/{body}-{name}-search.json", suite))
-        sums = (suites.checksum(suites.as_json(one))[:_SHOWN] for one in of.values())
+        sums = (suite_file.checksum(suite_file.as_json(one))[:_SHOWN] for one in of.values())
         rows.append([*cells, *(f"`{one}`" for one in sums)])
     return rows

@@ -19,8 +19,9 @@ from everystate.benchmark.environments import ENVIRONMENTS
 from everystate.benchmark.vector_env import GoalVectorEnv, Observation
 from everystate.envs import make
 from everystate.errors import EverystateError, suggest
-from everystate.evaluation import metrics, suites
-from everystate.evaluation.suites import Split, Suite
+from everystate.evaluation import metrics, suite_file, suites
+from everystate.evaluation.suite import Suite
+from everystate.evaluation.suites import Split
 
 Act = Callable[[Observation], Any]
 _ABOUT = ("body", "suite", "split", "checksum")
@@ -110,7 +111,7 @@ def save(
             )
         kept[task, : horizon + 1] = way[: horizon + 1]
     _check(tasks, kept, "states")
-    told = (body, tasks.name, split, suites.checksum(suites.as_json(tasks)))
+    told = (body, tasks.name, split, suite_file.checksum(suite_file.as_json(tasks)))
     safetensors.numpy.save_file({"states": kept}, path, dict(zip(_ABOUT, told, strict=True)))
     return Path(path)
 
@@ -138,7 +139,7 @@ def read(
             " benchmark: name the file of your own by --suite"
         )
     tasks = suites.load(body, suite or name, split=split)  # pyright: ignore[reportArgumentType]
-    checksum = suites.checksum(suites.as_json(tasks))
+    checksum = suite_file.checksum(suite_file.as_json(tasks))
     if about["checksum"] != checksum:
         raise EverystateError(
             f"{path} was recorded on another {name!r} of {body}: its checksum is"

@@ -7,13 +7,14 @@ from typing import Any
 
 from everystate.agent import config_to_json, load
 from everystate.agent.json_files import read_lines
-from everystate.evaluation import suites
+from everystate.evaluation import suite_file, suites
 from everystate.evaluation.agents import Agent
 from everystate.evaluation.counting import Counting, OnStep
 from everystate.evaluation.measure import measure
 from everystate.evaluation.performances import OF_PARTS, STARTS, known_to, success_rates
 from everystate.evaluation.perturbations import GRID, summarised
 from everystate.evaluation.provenance import provenance
+from everystate.evaluation.suite import Suite
 from everystate.skills import skills_of
 
 
@@ -121,7 +122,7 @@ def logged(agent: Agent, *, seed: int = 0) -> dict[str, float]:
     return found
 
 
-def described(suite: suites.Suite) -> dict[str, Any]:
+def described(suite: Suite) -> dict[str, Any]:
     """What a result says of a suite it was measured on."""
     return {
         "tasks": len(suite.goals),
@@ -129,14 +130,12 @@ def described(suite: suites.Suite) -> dict[str, Any]:
         "scored_by": "{}, {}@0.5".format(*suite.scored_by),
         "notes": suite.notes,
         "made_from_seed": suite.seed,
-        "checksum": suites.checksum(suites.as_json(suite)),
+        "checksum": suite_file.checksum(suite_file.as_json(suite)),
         "sigma": dict(zip(suite.components, suite.sigma.tolist(), strict=True)),
     }
 
 
-def _perturbed(
-    agent: Agent, suite: suites.Suite, ways: Mapping[str, bool], seed: int
-) -> dict[str, Any]:
+def _perturbed(agent: Agent, suite: Suite, ways: Mapping[str, bool], seed: int) -> dict[str, Any]:
     """What becomes of success in other worlds, by the policy and, if wanted, with planning."""
 
     def success(*, plan: bool) -> list[float]:

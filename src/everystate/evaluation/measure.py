@@ -10,7 +10,7 @@ from everystate.agent import step_seed
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.evaluation import metrics
 from everystate.evaluation.agents import Agent, warn_of_another_model
-from everystate.evaluation.suites import Suite
+from everystate.evaluation.suite import Suite
 
 _DECIMALS = 4  # of distances kept per task, in units of sigma
 

@@ -10,6 +10,7 @@ from everystate import envs
 from everystate.evaluation import suites
 from everystate.evaluation.agents import AgentConfig
 from everystate.evaluation.measure import measure
+from everystate.evaluation.suite import Suite
 
 
 class DoNothing:
@@ -45,7 +46,7 @@ class RandomActions(DoNothing):
         return rng.uniform(-1, 1, shape).astype(np.float32)
 
 
-def beside(suite: suites.Suite, config: AgentConfig, seed: int = 0) -> dict[str, dict[str, Any]]:
+def beside(suite: Suite, config: AgentConfig, seed: int = 0) -> dict[str, dict[str, Any]]:
     """What becomes of the tasks of a suite without an agent.
 
     Args:

@@ -7,7 +7,8 @@ from jaxtyping import Float, Int
 
 from everystate import envs
 from everystate.errors import EverystateError
-from everystate.evaluation.suites import Split, Suite
+from everystate.evaluation.suite import Suite
+from everystate.evaluation.suites import Split
 
 _TASKS, _BODIES, _STEPS, _HORIZON = 200, 20, 400, 200
 

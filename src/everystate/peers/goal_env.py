@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from everystate.envs import BodyVectorEnv, random_play
 from everystate.evaluation import metrics
-from everystate.evaluation.suites import Suite
+from everystate.evaluation.suite import Suite
 
 GOAL_EPS = 0.5
 """The reward asks for what success@0.5 asks for: the peer is trained on what is measured."""

@@ -5,13 +5,14 @@ from jaxtyping import Float
 
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
-from everystate.evaluation import Agent, apart_from, metrics, rollout, suites
+from everystate.evaluation import Agent, apart_from, metrics, rollout
+from everystate.evaluation.suite import Suite
 from everystate.viewing.recording import Recording
 
 _STAYS = 1.0  # seconds that are shown of it at the goal
 
 
-def journey(agent: Agent, env: BodyVectorEnv, suite: suites.Suite, *, planning: bool) -> Recording:
+def journey(agent: Agent, env: BodyVectorEnv, suite: Suite, *, planning: bool) -> Recording:
     """The way from the suite's first kind of place to a goal of its last: on the ramp, a climb.
 
     Of the tasks that the policy, or else `planning`, still holds at the end it is the one of median
@@ -41,7 +42,7 @@ def journey(agent: Agent, env: BodyVectorEnv, suite: suites.Suite, *, planning: 
 
 
 def attempts(
-    agent: Agent, suite: suites.Suite, *, plan: bool
+    agent: Agent, suite: Suite, *, plan: bool
 ) -> tuple[
     Float[np.ndarray, "steps goals state"],
     Float[np.ndarray, "steps goals"],

@@ -14,6 +14,7 @@ from everystate.agent import load
 from everystate.envs import BodyVectorEnv, make, parse_options
 from everystate.errors import EverystateError
 from everystate.evaluation import references, suites
+from everystate.evaluation.suite import Suite
 from everystate.training.collection import read_samples
 from everystate.viewing import maps, page, plots
 from everystate.viewing.curves import over_time
@@ -131,7 +132,7 @@ def on_the_map(
     run_dir: Path,
     agent: maps.Explorer,
     env: BodyVectorEnv,
-    suite: suites.Suite,
+    suite: Suite,
     *,
     planning: bool = False,
 ) -> list[Picture]:
@@ -179,7 +180,7 @@ def on_the_map(
     return found
 
 
-def middle_goals(env: BodyVectorEnv, suite: suites.Suite) -> dict[str, Float[np.ndarray, " state"]]:
+def middle_goals(env: BodyVectorEnv, suite: Suite) -> dict[str, Float[np.ndarray, " state"]]:
     """Of each region the suite's goal nearest to the middle of all."""
     regions = env.regions(suite.goals)
     found = {}
