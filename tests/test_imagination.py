@@ -11,7 +11,7 @@ from flowjax.distributions import Normal
 
 from everystate.learning.imagination import climbed as climbed_by
 from everystate.learning.imagination import imagined
-from everystate.learning.objectives import objectives
+from everystate.learning.objectives import Hit, objectives
 from everystate.presets import preset
 from worlds import Known
 
@@ -99,12 +99,21 @@ def test_of_many_ways_the_worst_is_climbed(how, rank):
     """Or that of the percentile asked for (eq. 3)."""
     config = configured(imagined_steps=4, N=9, **how)
     noisy = world(lambda s, a: Normal(s + STEP * a, jnp.full(2, 0.3)))
-    known, key = known_of(config, policy(0.8), models=noisy), jax.random.key(0)
+    key = jax.random.key(0)
+    known = config, noisy, policy(0.8), value, Hit(config)
     found = imagined(*known, STATES, GOALS, key=key)
     drawn = jax.random.normal(key, (2, 9, 4, 2))
     each = [climbed_by(*known, STATES, GOALS, drawn[:, i]) for i in range(9)]
     expected = jnp.sort(jnp.stack(each), axis=0)[rank]
     np.testing.assert_allclose(climbed_by(*known, STATES, GOALS, found.worst), expected, rtol=1e-5)
+
+
+def test_whoever_holds_climbs_any_way():
+    config = configured(imagined_steps=4, N=9)
+    found = imagined(*known_of(config, policy(0.8)), STATES, GOALS, key=jax.random.key(0))
+    np.testing.assert_array_equal(
+        found.worst, jax.random.normal(jax.random.key(0), (2, 1, 4, 2))[:, 0]
+    )
 
 
 def test_its_gradient_leads_to_the_goal():

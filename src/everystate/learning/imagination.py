@@ -39,7 +39,7 @@ within.defvjp(lambda action, steepest: (within(action, steepest), action), _with
 
 
 class Imagined(NamedTuple):
-    """What N ways of each (s, g) tell."""
+    """What the ways of each (s, g) tell."""
 
     worst: Float[Array, "batch steps s"]
     """z of the outcomes on the worst of them, which is the one to make better (eq. 3)."""
@@ -64,20 +64,20 @@ def imagined(
     *,
     key: PRNGKeyArray,
 ) -> Imagined:
-    """For each (s, g) N ways of `imagined_steps` steps by d, and V_targ after them.
+    """For each (s, g) N ways of `imagined_steps` steps by d, or one, and V_targ after them.
 
     Args:
         config: hyper-parameters.
         models: anything with `state_flow` and `dynamics`, as in `Models`.
         policy: as it is now.
         target_value: V_targ(s, g).
-        aim: what V counts.
+        aim: what V counts; if it is cautious there are N ways.
         states: s, scaled.
         goals: g, scaled.
         key: of the samples of d.
     """
 
-    def of_one(state: Array, goal: Array, latents: Float[Array, "N steps s"]) -> Imagined:
+    def of_one(state: Array, goal: Array, latents: Float[Array, "ways steps s"]) -> Imagined:
         ways, near, last = jax.vmap(lambda z: way(state, goal, z))(latents)
         returns = jax.vmap(aim.climbed)(near, last)
         counted = aim.counted(near[0], last[0])
@@ -86,7 +86,8 @@ def imagined(
     pairs, size = states.shape
     way = _way(config, models, policy, target_value, aim, pairs)
     stride = config.value_stride or config.imagined_steps
-    latents = jax.random.normal(key, (pairs, config.N, config.imagined_steps, size))
+    count = config.N if aim.cautious else 1
+    latents = jax.random.normal(key, (pairs, count, config.imagined_steps, size))
     return jax.vmap(of_one)(states, goals, latents)
 
 
