@@ -138,6 +138,11 @@ def test_hit_and_stay_learn_from_whole_ways_alone():
     assert preset("any").imagined_targets == 1
 
 
+def test_two_slopes_say_where_they_count_themselves():
+    with pytest.raises(EverystateError, match=r"reward_space = 'latent' .*set reward_space to"):
+        preset("any", reward_space="latent")
+
+
 def test_v_learns_on_imagined_ways_only_where_there_are_some():
     with pytest.raises(EverystateError, match=r"value_stride = 4 .*imagined_targets = 0 "):
         preset("paper", value_stride=4)

@@ -10,7 +10,7 @@ import pytest
 from flowjax.distributions import Normal
 
 from everystate.learning.imagination import climbed as climbed_by
-from everystate.learning.imagination import imagined
+from everystate.learning.imagination import imagined, way_of
 from everystate.learning.objectives import Hit, objectives
 from everystate.presets import preset
 from worlds import Known
@@ -38,20 +38,19 @@ def configured(**fields):
     return preset("test", **{**defaults, **fields})
 
 
-def known_of(config, acts, models=None, floor=NO_FLOOR, towards=value):
+def way(config, acts, models=None, floor=NO_FLOOR, towards=value, pairs=2, aim=None):
     """What both functions are given before states and goals."""
-    return config, models or world(), acts, towards, objectives(config, floor)[0]
+    aim = aim or objectives(config, floor)[0]
+    return aim, way_of(config, models or world(), acts, towards, aim, pairs)
 
 
 def counted(config, gain, states=STATES, goals=GOALS):
-    key = jax.random.key(0)
-    return imagined(*known_of(config, policy(gain)), states, goals, key=key)
+    return imagined(config, *way(config, policy(gain)), states, goals, key=jax.random.key(0))
 
 
 def climbed(config, gain, **world_and_floor):
-    known = known_of(config, policy(gain), **world_and_floor)
     latents = jnp.zeros((len(STATES), config.imagined_steps, 2))
-    return climbed_by(*known, STATES, GOALS, latents).mean()
+    return climbed_by(*way(config, policy(gain), **world_and_floor), STATES, GOALS, latents).mean()
 
 
 def by_hand(config, gain, steps, absorb):
@@ -100,8 +99,8 @@ def test_of_many_ways_the_worst_is_climbed(how, rank):
     config = configured(imagined_steps=4, N=9, **how)
     noisy = world(lambda s, a: Normal(s + STEP * a, jnp.full(2, 0.3)))
     key = jax.random.key(0)
-    known = config, noisy, policy(0.8), value, Hit(config)
-    found = imagined(*known, STATES, GOALS, key=key)
+    known = way(config, policy(0.8), models=noisy, aim=Hit(config))
+    found = imagined(config, *known, STATES, GOALS, key=key)
     drawn = jax.random.normal(key, (2, 9, 4, 2))
     each = [climbed_by(*known, STATES, GOALS, drawn[:, i]) for i in range(9)]
     expected = jnp.sort(jnp.stack(each), axis=0)[rank]
@@ -110,7 +109,7 @@ def test_of_many_ways_the_worst_is_climbed(how, rank):
 
 def test_whoever_holds_climbs_any_way():
     config = configured(imagined_steps=4, N=9)
-    found = imagined(*known_of(config, policy(0.8)), STATES, GOALS, key=jax.random.key(0))
+    found = counted(config, 0.8)
     np.testing.assert_array_equal(
         found.worst, jax.random.normal(jax.random.key(0), (2, 1, 4, 2))[:, 0]
     )
@@ -129,7 +128,7 @@ def test_a_policy_beyond_all_actions_is_led_back_but_no_further_out(beyond):
             return jnp.full_like(s, action)
 
         pair = jnp.zeros((1, 2)), jnp.full((1, 2), goal)
-        known = known_of(configured(imagined_steps=2), acts)
+        known = way(configured(imagined_steps=2), acts, pairs=1)
         return -climbed_by(*known, *pair, jnp.zeros((1, 2, 2))).mean()
 
     slope = jax.grad(loss)
@@ -152,7 +151,8 @@ def test_an_action_gains_so_much_and_no_more():
             def cliff(s, g):
                 return steep * value(s, g)
 
-            known, latents = known_of(config, acts, towards=cliff), jnp.zeros((pairs, 1, 2))
+            latents = jnp.zeros((pairs, 1, 2))
+            known = way(config, acts, towards=cliff, pairs=pairs)
             return -weight * climbed_by(*known, states, goals, latents).mean()
 
         return float(jnp.linalg.norm(jax.grad(loss)(jnp.full(2, 0.1)))) / weight

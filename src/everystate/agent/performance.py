@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32
@@ -22,7 +22,7 @@ class Actor(Protocol):
     """What can be sent to a goal."""
 
     def act(
-        self, observation: ArrayLike, goal: Any, *, plan: bool = False, seed: int = 0
+        self, observation: ArrayLike, goal: Goal, *, plan: bool = False, seed: int = 0
     ) -> Float32[np.ndarray, "*n action"]: ...
 
 

@@ -49,76 +49,32 @@ class Imagined(NamedTuple):
     """What V is there: reaching ends the count as V has it [D10]."""
 
 
-Act = Callable[[Float[Array, " s"], Float[Array, " s"]], Float[Array, " a"]]
-"""The centre of a policy, which acts at every step, as the agent will."""
+Way = Callable[
+    [Float[Array, " s"], Float[Array, " s"], Float[Array, "steps s"]],
+    tuple[Float[Array, "states s"], Float[Array, " states"], Float[Array, ""]],
+]
+"""From s, g and z of the outcomes: the states on the way, how near they are, and V at its end."""
 
 
-def imagined(
+def way_of(
     config: Config,
     models: Any,
-    policy: Act,
+    policy: Callable[[Float[Array, " s"], Float[Array, " s"]], Float[Array, " a"]],
     target_value: Callable,
     aim: Objective,
-    states: Float[Array, "batch s"],
-    goals: Float[Array, "batch s"],
-    *,
-    key: PRNGKeyArray,
-) -> Imagined:
-    """For each (s, g) N ways of `imagined_steps` steps by d, or one, and V_targ after them.
+    pairs: int,
+) -> Way:
+    """How a policy goes by d.
 
     Args:
         config: hyper-parameters.
         models: anything with `state_flow` and `dynamics`, as in `Models`.
-        policy: as it is now.
+        policy: the centre of pi, which acts at every step, as the agent will.
         target_value: V_targ(s, g).
-        aim: what V counts; if it is cautious there are N ways.
-        states: s, scaled.
-        goals: g, scaled.
-        key: of the samples of d.
+        aim: what V counts.
+        pairs: (s, g) in the loss, which has the mean over them, times `imagined_weight`: so a
+            gradient is shortened as `within` has it.
     """
-
-    def of_one(state: Array, goal: Array, latents: Float[Array, "ways steps s"]) -> Imagined:
-        ways, near, last = jax.vmap(lambda z: way(state, goal, z))(latents)
-        returns = jax.vmap(aim.climbed)(near, last)
-        counted = aim.counted(near[0], last[0])
-        return Imagined(latents[worst(config, returns)], ways[0, :-1:stride], counted[::stride])
-
-    pairs, size = states.shape
-    way = _way(config, models, policy, target_value, aim, pairs)
-    stride = config.value_stride or config.imagined_steps
-    count = config.N if aim.cautious else 1
-    latents = jax.random.normal(key, (pairs, count, config.imagined_steps, size))
-    return jax.vmap(of_one)(states, goals, latents)
-
-
-def climbed(
-    config: Config,
-    models: Any,
-    policy: Act,
-    target_value: Callable,
-    aim: Objective,
-    states: Float[Array, "batch s"],
-    goals: Float[Array, "batch s"],
-    latents: Float[Array, "batch steps s"],
-) -> Float[Array, " batch"]:
-    """For each (s, g) what the policy makes large on the way with these outcomes.
-
-    Reaching may end no count here, as in planning: so the policy cares for what comes after. The
-    gradient is meant for a loss that has the mean of it, times minus `imagined_weight`: see
-    `within`. For the arguments see `imagined`.
-    """
-
-    def of_one(state: Array, goal: Array, latents: Float[Array, "steps s"]) -> Float[Array, ""]:
-        return aim.climbed(*way(state, goal, latents)[1:])
-
-    way = _way(config, models, policy, target_value, aim, len(states))
-    return jax.vmap(of_one)(states, goals, latents)
-
-
-def _way(
-    config: Config, models: Any, policy: Act, target_value: Callable, aim: Objective, pairs: int
-) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
-    """From s, g and latents: the states on the way, how near they are, and V where it ends."""
     steepest = config.steepest * config.imagined_weight / pairs
 
     def way(state: Array, goal: Array, latents: Array) -> tuple[Array, Array, Array]:
@@ -130,3 +86,41 @@ def _way(
         return states, near, aim.read(target_value(states[-1], goal))
 
     return way
+
+
+def imagined(
+    config: Config,
+    aim: Objective,
+    way: Way,
+    states: Float[Array, "batch s"],
+    goals: Float[Array, "batch s"],
+    *,
+    key: PRNGKeyArray,
+) -> Imagined:
+    """For each (s, g), scaled, N ways of `imagined_steps` steps, or one if `aim` has no caution."""
+
+    def of_one(state: Array, goal: Array, latents: Float[Array, "ways steps s"]) -> Imagined:
+        ways, near, last = jax.vmap(lambda z: way(state, goal, z))(latents)
+        returns = jax.vmap(aim.climbed)(near, last)
+        counted = aim.counted(near[0], last[0])
+        return Imagined(latents[worst(config, returns)], ways[0, :-1:stride], counted[::stride])
+
+    pairs, size = states.shape
+    stride = config.value_stride or config.imagined_steps
+    count = config.N if aim.cautious else 1
+    latents = jax.random.normal(key, (pairs, count, config.imagined_steps, size))
+    return jax.vmap(of_one)(states, goals, latents)
+
+
+def climbed(
+    aim: Objective,
+    way: Way,
+    states: Float[Array, "batch s"],
+    goals: Float[Array, "batch s"],
+    latents: Float[Array, "batch steps s"],
+) -> Float[Array, " batch"]:
+    """For each (s, g) what the policy makes large on the way with these outcomes.
+
+    Reaching may end no count here, as in planning: so the policy cares for what comes after.
+    """
+    return jax.vmap(lambda *given: aim.climbed(*way(*given)[1:]))(states, goals, latents)

@@ -11,7 +11,7 @@ from everystate.config import Config
 from everystate.learning.components import unit
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
-from everystate.learning.imagination import climbed, imagined
+from everystate.learning.imagination import Way, climbed, imagined, way_of
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
 from everystate.learning.networks import Value
@@ -58,6 +58,11 @@ def gradients(
     def noisy(x: Float[Array, "batch n"], name: str, sd: float) -> Float[Array, "batch n"]:
         return x + sd * jax.random.normal(named(key, name), x.shape)
 
+    def way(policy: Policy, number: int) -> Way:
+        """How it goes by the d that imagines."""
+        by_d, target = models._replace(dynamics=imagines), target_values[number]
+        return way_of(config, by_d, policy.central, target, aims[number], len(starts))
+
     def of_objective(new: Models, number: int) -> dict[str, Float[Array, ""]]:
         """What pi and V of one objective are trained on."""
         aim, improvement, policy = aims[number], improvements[number], new.policies[number]
@@ -68,9 +73,8 @@ def gradients(
             parts["better"] = config.imagined_weight * better / len(starts)
         where, towards, targets = starts, goals, improvement.value
         if ways:
-            known = by_d, policy.central, target_values[number], aim, starts, goals
             latents, along, counted = ways[number]
-            returns = climbed(config, *known, latents)
+            returns = climbed(aim, way(policy, number), starts, goals, latents)
             parts["imagined"] = -config.imagined_weight * returns.mean()
             first = counted[:, 0]
             if config.imagined_targets == 1:
@@ -102,19 +106,16 @@ def gradients(
             parts |= of_objective(new, number)
         return jnp.stack(list(parts.values())).sum(), parts
 
-    by_d = models._replace(dynamics=imagines)
     ways = [
         imagined(
             config,
-            by_d,
-            policy.central,
-            target,
             aim,
+            way(models.policies[number], number),
             starts,
             goals,
             key=named(key, f"imagined{aim.suffix}"),
         )
-        for policy, target, aim in zip(models.policies, target_values, aims, strict=True)
+        for number, aim in enumerate(aims)
         if config.imagined_weight or config.imagined_targets
     ]
     wanted = improvements[0].value
