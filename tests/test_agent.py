@@ -36,6 +36,7 @@ from everystate.learning.replay import Transitions
 from everystate.presets import PRESETS, preset
 from everystate.training.learner import begin
 from everystate.viewing.recording import body_of
+from small import of_paper
 
 CENTRE = np.array([1.0, -2.0], dtype=np.float32)
 SPREAD = np.array([0.5, 4.0], dtype=np.float32)
@@ -45,7 +46,7 @@ GOALS = np.array([[1.5, 2.0], [0.8, -4.0], [1.1, 0.0]], dtype=np.float32)
 
 @pytest.fixture(scope="module")
 def agent() -> Agent:
-    config = preset("test")
+    config = of_paper()
     rng = np.random.default_rng(0)
     shape = (config.warmup_steps, config.num_bodies, 2)
     warmup = Transitions(*(jnp.asarray(rng.normal(size=shape), jnp.float32) for _ in range(4)))

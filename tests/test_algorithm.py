@@ -19,9 +19,10 @@ from everystate.learning.keys import named
 from everystate.learning.models import Scale, Space
 from everystate.learning.replay import Transitions
 from everystate.presets import preset
+from small import of_paper
 
 # Of more than one test, for its update is one of the programs that take long to compile.
-PURSUING = preset("test", epochs=100, pursued_share=1.0)
+PURSUING = of_paper(epochs=100, pursued_share=1.0)
 
 
 def drift(config, key, steps):
@@ -61,7 +62,7 @@ def leaves(state):
     ],
 )
 def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
-    config = preset("test", flow=flow)
+    config = of_paper(flow=flow)
     state = start(config)
     draws = eqx.filter_jit(draw)(config, state)
     episodes, actions = act_at(config, state, draws, 0, state.episodes, jnp.zeros((10, 2)))
@@ -78,7 +79,7 @@ def test_an_epoch_runs_with_every_flow_and_keeps_types(flow: FlowFamily):
 
 
 def test_the_goals_of_an_epoch_are_those_chosen_step_by_step():
-    config = preset("test", steps_per_epoch=4)
+    config = of_paper(steps_per_epoch=4)
     state = start(config)._replace(epoch=jnp.int32(3))
     draws = eqx.filter_jit(draw)(config, state)
     assert draws.goals.shape == (4, 10, 2)
@@ -90,7 +91,7 @@ def test_the_goals_of_an_epoch_are_those_chosen_step_by_step():
 
 
 def test_an_oracles_goals_fill_the_box_of_all_states():
-    config = preset("test", goals="uniform", m=1, steps_per_epoch=20)
+    config = of_paper(goals="uniform", m=1, steps_per_epoch=20)
     goals = eqx.filter_jit(draw)(config, start(config)).goals.reshape(-1, 2)
     assert np.abs(goals).max() <= np.sqrt(3)
     np.testing.assert_allclose(np.std(goals, axis=0), 1, atol=0.15)
@@ -99,16 +100,16 @@ def test_an_oracles_goals_fill_the_box_of_all_states():
 
 
 def test_same_seed_same_update_bit_for_bit():
-    config = preset("test")
+    config = of_paper()
     update = eqx.filter_jit(algorithm.update)
     first, second = (update(config, start(config))[0] for _ in range(2))
     assert all(np.array_equal(a, b) for a, b in zip(leaves(first), leaves(second), strict=True))
-    other = update(config, start(preset("test", seed=1)))[0]
+    other = update(config, start(of_paper(seed=1)))[0]
     assert not all(np.array_equal(a, b) for a, b in zip(leaves(first), leaves(other), strict=True))
 
 
 def test_every_model_learns_from_every_update():
-    config = preset("test")
+    config = of_paper()
     state = start(config)
     after, *_ = eqx.filter_jit(algorithm.update)(config, state)
     every: tuple[dict[str, Any], ...] = tuple(s.models._asdict() for s in (state, after))
@@ -121,7 +122,7 @@ def test_every_model_learns_from_every_update():
 
 
 def test_targets_stay_within_their_bounds():
-    config = preset("test")
+    config = of_paper()
     state = start(config)
     update = eqx.filter_jit(algorithm.update)
     for _ in range(3):
@@ -146,7 +147,7 @@ def test_presets_of_the_paper_run(name):
 
 
 def test_who_wanders_keeps_to_random_actions_for_a_while_and_others_do_as_ever():
-    config = preset("test", wander_share=0.5, wander_steps=2, steps_per_epoch=8)
+    config = of_paper(wander_share=0.5, wander_steps=2, steps_per_epoch=8)
     state, seen = start(config), jnp.zeros((10, 2))
     draws = eqx.filter_jit(draw)(config, state)
     taken, policys, wanders, episodes = [], [], [], state.episodes
@@ -166,9 +167,9 @@ def test_who_wanders_keeps_to_random_actions_for_a_while_and_others_do_as_ever()
     assert (pairs[1:, 0] != pairs[:-1, 0]).any(axis=2).all(), "then others"
 
 
-def test_further_steps_of_d_and_imagined_steps_of_pi_and_v_move_nothing_else():
-    further = {"dynamics_updates": 6, "imagined_weight": 1.0, "imagined_targets": 0.5}
-    moved = ("dynamics", "policies", "values")
+def test_further_steps_of_d_and_imagined_steps_leave_f_alone():
+    further = {"dynamics_updates": 6, "imagined_steps": 2}
+    moved = ("dynamics", "policies", "values", "curriculum")  # c by what V is to become
     few, more = PURSUING, dataclasses.replace(PURSUING, **further)
     update = eqx.filter_jit(algorithm.update_once)
     (once, _, _), (often, metrics, _) = (
@@ -190,7 +191,7 @@ def test_further_steps_of_d_and_imagined_steps_of_pi_and_v_move_nothing_else():
 def test_dynamics_that_practise_are_learned_sooner():
     losses, last = [], 0.0
     for steps in (1, 6):
-        config = preset("test", dynamics_updates=steps)
+        config = of_paper(dynamics_updates=steps)
         state, update = start(config), eqx.filter_jit(algorithm.update)
         for _ in range(3):
             state, metrics, _ = update(config, state)
@@ -212,11 +213,11 @@ def test_goals_pursued_are_learned_of_where_they_were_pursued():
     pairs = {tuple(p) for p in np.hstack([held.observations, held.goals])[:filled].tolist()}
     drawn = np.hstack([batch.starts, batch.minibatch.goals])
     assert all(tuple(pair) in pairs for pair in drawn.tolist())
-    assert start(preset("test", pursued_share=0.0)).replay.transitions.goals.shape[-1] == 0
+    assert start(of_paper(pursued_share=0.0)).replay.transitions.goals.shape[-1] == 0
 
 
 def test_some_bodies_act_by_the_centre_of_the_policy():
-    config = preset("test", central_share=0.5, num_bodies=100, steps_per_epoch=3)
+    config = of_paper(central_share=0.5, num_bodies=100, steps_per_epoch=3)
     config = dataclasses.replace(config, capacity=4_000)
     latents = np.asarray(eqx.filter_jit(draw)(config, start(config)).latents)
     central = (latents == 0).all(axis=-1)

@@ -65,7 +65,7 @@ def test_what_stands_twice_counts_once() -> None:
 
 def test_distances_count_by_weight() -> None:
     """A constant component leaves the reward what it is without."""
-    config = preset("any")
+    config = preset("quick")
     state, goal = jnp.array([0.3, 5.0]), jnp.array([0.1, -7.0])
 
     def near(weights, s, g):

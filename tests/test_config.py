@@ -36,13 +36,12 @@ def test_every_preset_is_valid_for_every_body(body):
         assert hash(config) == hash(preset(name, body, seed=3))  # jit takes it as static.
 
 
-def test_one_set_of_numbers_serves_any_body():
-    """`any` differs in the body alone, and is what a body without a set of its own gets."""
+@pytest.mark.parametrize("name", ["quick", "test"])
+def test_one_set_of_numbers_serves_any_body(name):
+    """It looks up no name: nothing but the body differs."""
     bodies = (*BODIES, "arm.xml", "gymnasium:Ant-v5", "shimmy:dm_control/finger-spin-v0")
-    sets = [asdict(preset("any", body)) | {"body": ""} for body in bodies]
+    sets = [asdict(preset(name, body)) | {"body": ""} for body in bodies]
     assert all(numbers == sets[0] for numbers in sets)
-    for body in bodies[len(BODIES) :]:
-        assert preset("quick", body) == preset("any", body)
 
 
 @pytest.mark.parametrize("name", ["paper", "literal"])
@@ -78,7 +77,7 @@ def test_the_papers_presets_have_the_numbers_of_appendix_b(name, body, h, k):
     assert (config.absorb, config.discount, config.approach_share) == (0, 1, 0)
     assert config.frequencies == 0
     assert config.sensor_noise == 0
-    assert config.gradient_step == 1
+    assert config.imagined_steps == 0
 
 
 @pytest.mark.parametrize("body", BODIES)
@@ -123,30 +122,29 @@ def test_sizes_that_do_not_fit_each_other_are_named():
 
 
 def test_pairs_without_candidates_must_have_imagined_targets():
-    with pytest.raises(EverystateError, match=r"improved_share = 0\.5 .*imagined_targets = 0\.25"):
-        preset("test", improved_share=0.5, imagined_targets=0.25)
-    config = preset("test", improved_share=0.25, imagined_targets=1.0, batch_size=32)
+    with pytest.raises(EverystateError, match=r"improved_share = 0\.5 .*imagined_steps = 0"):
+        preset("paper", improved_share=0.5)
+    assert preset("paper").improved_pairs == 1000
+    config = preset("test", improved_share=0.25, batch_size=32)
     assert config.improved_pairs == 8
     with pytest.raises(EverystateError, match=r"devices = 16 .* 8 pairs .*improved_share"):
-        preset("test", improved_share=0.25, imagined_targets=1.0, batch_size=32, devices=16)
-    assert preset("test", batch_size=32).improved_pairs == 32
+        preset("test", improved_share=0.25, batch_size=32, devices=16)
 
 
-def test_hit_and_stay_learn_from_whole_ways_alone():
-    with pytest.raises(EverystateError, match=r"imagined_targets = 0\.5 .*set it to 1"):
-        preset("any", imagined_targets=0.5, improved_share=1.0)
-    assert preset("any").imagined_targets == 1
+def test_a_hit_is_counted_on_whole_ways_alone():
+    with pytest.raises(EverystateError, match=r"'hold-and-pass' .*imagined_steps = 0 .*raise it"):
+        preset("paper", objective="hold-and-pass")
 
 
 def test_two_slopes_say_where_they_count_themselves():
     with pytest.raises(EverystateError, match=r"reward_space = 'latent' .*set reward_space to"):
-        preset("any", reward_space="latent")
+        preset("quick", reward_space="latent")
 
 
 def test_v_learns_on_imagined_ways_only_where_there_are_some():
-    with pytest.raises(EverystateError, match=r"value_stride = 4 .*imagined_targets = 0 "):
+    with pytest.raises(EverystateError, match=r"value_stride = 4 .*imagined_steps = 0 "):
         preset("paper", value_stride=4)
-    assert preset("paper", value_stride=4, imagined_targets=1.0).value_stride == 4
+    assert preset("paper", value_stride=4, imagined_steps=8).value_stride == 4
 
 
 def test_unknown_names_suggest_the_nearest():

@@ -8,7 +8,7 @@ from flowjax.distributions import Normal
 
 from everystate.learning.losses import dynamics_loss
 from everystate.learning.replay import Transitions
-from everystate.presets import preset
+from small import of_paper
 from worlds import Known
 
 SCALE, SPREAD = jnp.array([0.1, 2.0]), jnp.array([0.5, 3.0])
@@ -31,7 +31,7 @@ class Halfway(Known):
 def loss(**fields):
     states, actions = np.random.default_rng(0).normal(size=(2, 6, 2)).astype(np.float32)
     moved = Transitions(*map(jnp.asarray, (states, actions, states + actions, states[:, :0])))
-    config = preset("test", dynamics_noise=0.0, **fields)
+    config = of_paper(dynamics_noise=0.0, **fields)
     return float(dynamics_loss(config, Halfway(), moved, key=jax.random.key(0))), actions
 
 

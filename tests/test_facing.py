@@ -113,7 +113,7 @@ def test_a_body_that_is_driven_or_seen_in_a_way_of_its_own_does_not_turn() -> No
     assert Driven().horizontal == ()
 
 
-def known(name: str = "any") -> Models:
+def known(name: str = "quick") -> Models:
     """Models of such a body that learned nothing, but differ at every state."""
     config, rng = preset(name, "any-body.xml", width=16, depth=1), np.random.default_rng(0)
     space, scale = Space(SIZE, 2, HORIZONTAL), jnp.linspace(0.2, 0.4, SIZE)
@@ -191,7 +191,7 @@ def test_units_are_the_same_from_all_sides() -> None:
 
 def test_units_of_the_body_are_refused() -> None:
     with pytest.raises(EverystateError, match="set units to 'running', or any_heading to false"):
-        preset("any", any_heading=True, units="fixed")
+        preset("quick", any_heading=True, units="fixed")
 
 
 def test_a_run_learns_so_and_its_agent_is_read_and_exported(tmp_path: Path) -> None:

@@ -3,8 +3,18 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from everystate.agent.formats import CUSPED, FORMAT, STEEP, brought_up, config_of_today
+from everystate.agent import config_from_json
+from everystate.agent.formats import (
+    CUSPED,
+    FORMAT,
+    STEEP,
+    SWITCHED,
+    brought_up,
+    config_of_today,
+)
+from everystate.errors import EverystateError
 from everystate.learning.networks import Network
 
 NAME = "values.0.network.mlp.layers.0.weight"
@@ -28,6 +38,30 @@ def test_no_other_array_is_touched() -> None:
 
 def test_an_agent_that_held_goals_by_a_cusp_alone_is_one_of_two_slopes() -> None:
     cusped = {"reward_shape": "cusp", "seed": 3}
-    assert config_of_today(cusped, CUSPED) == {"reward_shape": "two-slopes", "seed": 3}
+    assert config_of_today(cusped, CUSPED)["reward_shape"] == "two-slopes"
     assert config_of_today(cusped, FORMAT) == cusped
-    assert config_of_today({"seed": 3}, CUSPED) == {"seed": 3}
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"imagined_weight": 0.0, "imagined_steps": 5, "kept_steps": 0, "imagined_targets": 0.0},
+        {"imagined_weight": 50.0, "imagined_steps": 16, "kept_steps": 8, "imagined_targets": 1.0},
+    ],
+)
+def test_what_an_agent_no_longer_has_to_know_is_left_out(fields) -> None:
+    """And what is left is a config."""
+    gone = {"cooldown": 0.4, "absorb_power": 6, "hindsight_steps": 1, "relative_goals": False}
+    config = config_from_json(config_of_today(fields | gone | {"seed": 3}, SWITCHED))
+    assert config.seed == 3
+    assert config.imagined_steps == (16 if fields["imagined_weight"] else 0)
+    assert config.kept_steps == max(1, fields["kept_steps"])
+
+
+@pytest.mark.parametrize(
+    ("name", "setting"),
+    [("relative_goals", True), ("reward_shape", "rational"), ("reward_space", "steps")],
+)
+def test_an_agent_that_would_act_otherwise_is_refused(name, setting) -> None:
+    with pytest.raises(EverystateError, match=f"{name} = .*is gone: train it anew"):
+        config_of_today({name: setting}, SWITCHED)

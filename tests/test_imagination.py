@@ -12,7 +12,7 @@ from flowjax.distributions import Normal
 from everystate.learning.imagination import climbed as climbed_by
 from everystate.learning.imagination import imagined, way_of
 from everystate.learning.objectives import Hit, objectives
-from everystate.presets import preset
+from small import of_paper
 from worlds import Known
 
 STEP, CERTAIN = 0.2, jnp.full(2, 1e-6)  # how far an action of 1 leads; no noise to speak of
@@ -35,7 +35,7 @@ def value(s, g):
 
 def configured(**fields):
     defaults = {"reward_space": "state", "k": 0.5, "discount": 0.9, "bound_value": False}
-    return preset("test", **{**defaults, **fields})
+    return of_paper(**{**defaults, **fields})
 
 
 def way(config, acts, models=None, floor=NO_FLOOR, towards=value, pairs=2, aim=None):
@@ -62,14 +62,14 @@ def by_hand(config, gain, steps, absorb):
             state = state + STEP * np.clip(gain * (goal - state), -1, 1)
             near = np.exp(-config.k * ((state - goal) ** 2).sum())
             total += weight * (near - 1)
-            weight *= config.discount * (1 - absorb * near**config.absorb_power)
+            weight *= config.discount * (1 - absorb * near)
         totals.append(total + weight * float(value(jnp.array(state), jnp.array(goal))))
     return np.mean(totals)
 
 
 @pytest.mark.parametrize("steps", [1, 4])
 def test_the_return_is_the_rewards_on_the_way_and_the_value_at_its_end(steps):
-    config = configured(imagined_steps=steps, absorb=0.5, absorb_power=2, imagined_absorb=False)
+    config = configured(imagined_steps=steps, absorb=0.5)
     found = counted(config, 0.8)
     mean, summed = found.counted[:, 0].mean(), by_hand(config, 0.8, steps, absorb=0)
     np.testing.assert_allclose(mean, by_hand(config, 0.8, steps, absorb=0.5), rtol=1e-4)
@@ -79,7 +79,7 @@ def test_the_return_is_the_rewards_on_the_way_and_the_value_at_its_end(steps):
 
 def test_the_value_learns_at_states_on_the_way_too():
     """At every second one, of what is counted from there on [D42]."""
-    asked = {"imagined_steps": 5, "imagined_targets": 1.0, "absorb": 0.5}
+    asked = {"imagined_steps": 5, "absorb": 0.5}
     whole = counted(configured(**asked, value_stride=1), 0.8)
     found = counted(configured(**asked, value_stride=2), 0.8)
     assert whole.states.shape == (2, 5, 2)

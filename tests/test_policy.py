@@ -13,7 +13,7 @@ from everystate.config import Config
 from everystate.learning import policy
 from everystate.learning.objectives import objectives
 from everystate.learning.policy import improve, score
-from everystate.presets import preset
+from small import of_paper
 from worlds import Known
 
 # Two sizes for all tests, so that each operation compiles twice at most.
@@ -25,7 +25,7 @@ def configured(**fields: Any) -> Config:
     defaults = {"reward_space": "state", "k": 1e-6, "bound_value": False, "absorb": 0.0}
     for name, value in defaults.items():
         fields.setdefault(name, value)
-    return preset("test", **fields)
+    return of_paper(**fields)
 
 
 def models(dynamics, policy=None):
@@ -65,7 +65,7 @@ def best_by_all_returns(evaluate, next_states, goals):
     """What `best_worst_case` finds by fewer evaluations: see test_search.py."""
     pairs, candidates, N, size = next_states.shape
     returns = evaluate(next_states.reshape(pairs, -1, size), goals).reshape(pairs, candidates, N)
-    best = policy.score(preset("test"), returns).argmax(axis=1)
+    best = policy.score(of_paper(), returns).argmax(axis=1)
     return best, returns[jnp.arange(pairs), best].mean(axis=1), jnp.ones(pairs)
 
 
@@ -94,7 +94,7 @@ def test_improvement_finds_the_known_best_action(monkeypatch, pessimism):
     np.testing.assert_allclose(result.action, best, atol=2e-3)
     assert float(result.value) == pytest.approx(0, abs=1e-3)
     # Without gradients, candidates must lie near it by chance.
-    config = configured(**MANY, pessimism=pessimism, gradient_step=0.0)
+    config = configured(**MANY, pessimism=pessimism, max_gradient_step=0.0)
     result, _ = scored(monkeypatch, config, models(linear(0.01)), quadratic, state, goal, key=1)
     np.testing.assert_allclose(result.action, best, atol=0.15)
 
@@ -109,7 +109,7 @@ def test_improvement_stays_within_the_box(monkeypatch):
 
 
 def test_random_candidates_fill_the_box():
-    config, known = configured(**MANY, gradient_step=0.0), models(linear(0.01))
+    config, known = configured(**MANY, max_gradient_step=0.0), models(linear(0.01))
     from_world = known.dynamics, known.policy, quadratic
     propose = jax.jit(lambda key: policy.propose(config, *from_world, B[0], B[1], key=key))
     candidates, next_states = propose(jax.random.key(3))
@@ -125,11 +125,11 @@ def test_random_candidates_fill_the_box():
 def test_the_worst_is_the_minimum_and_percentiles_are_monotone():
     returns = jnp.asarray(np.random.default_rng(0).normal(0, 3, (7, 20)), jnp.float32)
     percentiles = (0.0, 1.0, 5.0, 25.0, 50.0, 90.0, 100.0)
-    scores = np.stack([score(preset("test", percentile=p), returns) for p in percentiles])
+    scores = np.stack([score(of_paper(percentile=p), returns) for p in percentiles])
     np.testing.assert_array_equal(scores[0], returns.min(axis=1))
     np.testing.assert_array_equal(scores[-1], returns.max(axis=1))
     assert np.all(np.diff(scores, axis=0) >= 0)
-    mean = score(preset("test", pessimism="mean"), returns)
+    mean = score(of_paper(pessimism="mean"), returns)
     np.testing.assert_array_equal(mean, returns.mean(axis=1))
     assert np.all(scores[0] <= mean)
     assert np.all(mean <= scores[-1])
@@ -137,7 +137,7 @@ def test_the_worst_is_the_minimum_and_percentiles_are_monotone():
 
 def test_equal_candidates_share_their_noise_and_so_their_score(monkeypatch):
     # Without a gradient step the second half of the candidates repeats the first.
-    config = configured(**FEW, gradient_step=0.0, sensor_noise=0.5)
+    config = configured(**FEW, max_gradient_step=0.0, sensor_noise=0.5)
     result, returns = scored(
         monkeypatch, config, models(linear(2.0)), quadratic, jnp.zeros(2), jnp.ones(2), key=3
     )
@@ -159,14 +159,14 @@ def moves_to_action(state, action):
 
 @pytest.mark.parametrize("limit", [0.1, np.inf])
 def test_candidates_move_along_their_gradient_within_the_limit(monkeypatch, limit):
-    config = configured(**FEW, gradient_step=0.05, max_gradient_step=limit)
+    config, slope = configured(**FEW, max_gradient_step=limit), 0.3
     known = models(moves_to_action)
-    _, returns = scored(monkeypatch, config, known, along(6.0), jnp.zeros(2), jnp.zeros(2), key=4)
-    candidates = returns[:, 0] / 6
+    _, returns = scored(monkeypatch, config, known, along(slope), jnp.zeros(2), jnp.zeros(2), key=4)
+    candidates = returns[:, 0] / slope
     assert np.all(np.abs(candidates) <= 1 + 1e-4)
     before, after = candidates[:40], candidates[40:]
     assert np.any(np.isclose(before[:20], 1, atol=1e-4))  # Clipped samples of the policy.
-    expected = np.minimum(before + min(limit, 6 * 0.05), 1)
+    expected = np.minimum(before + min(limit, slope), 1)
     np.testing.assert_allclose(after, expected, atol=1e-4)
 
 
@@ -183,7 +183,7 @@ def test_pessimism_avoids_what_pays_only_on_average(monkeypatch):
         "mean": {"pessimism": "mean"},
     }
     for name, fields in ways.items():
-        config = configured(**MANY, **fields, gradient_step=0.0)
+        config = configured(**MANY, **fields, max_gradient_step=0.0)
         known = models(risky)
         result, returns = scored(
             monkeypatch, config, known, along(1.0), jnp.zeros(2), jnp.zeros(2), key=5
@@ -199,7 +199,7 @@ def test_pessimism_avoids_what_pays_only_on_average(monkeypatch):
 
 def test_it_says_whether_the_policy_knew_the_best_action(monkeypatch):
     state, best = jnp.zeros(2), jnp.array([0.5, 0.5])
-    config = configured(**FEW, gradient_step=0.0)
+    config = configured(**FEW, max_gradient_step=0.0)
     for action, knew in ((best, 1), (-best, 0)):
         known = models(linear(1e-4), lambda *_, a=action: Normal(a, jnp.full(2, 1e-3)))
         result, _ = scored(monkeypatch, config, known, quadratic, state, B @ best, key=6)

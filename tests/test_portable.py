@@ -22,21 +22,22 @@ from everystate.errors import EverystateError
 from everystate.learning.models import Scale, Space, new_models
 from everystate.learning.objectives import pursued
 from everystate.presets import preset
+from small import of_paper
 
 NAMES = "x", "y", "speed"
 CENTRE, SPREAD = np.array([1.0, -2.0, 0.0]), np.array([0.5, 4.0, 1.0])
-PAPER = preset("test")
-ANY = preset("test", "arm.xml")
-OTHER = dataclasses.replace(ANY, reward_shape="rational", reward_space="latent")
+PAPER = of_paper(flow_shift=True, frequencies=3)
+QUICK = preset("test")
+LATENT = dataclasses.replace(QUICK, reward_shape="exponential", reward_space="latent")
 CONFIGS = {
-    "the paper's": preset("test", flow_shift=False, alternate=False, frequencies=0),
-    "four layers": preset("test", policy_layers=4),
-    "five layers": preset("test", policy_layers=5, relative_goals=True),
-    "hold and pass": ANY,
-    "in steps": dataclasses.replace(OTHER, reward_space="steps", centres=False),
-    "in latent space": dataclasses.replace(OTHER, kernel_width=0.0, k=0.3),
-    "unlike h": dataclasses.replace(OTHER, alternate=False, kernel_width=1.0),
-    "another flow": dataclasses.replace(ANY, flow="coupling-affine"),
+    "the paper's": of_paper(alternate=False),
+    "four layers": dataclasses.replace(PAPER, policy_layers=4),
+    "five layers": dataclasses.replace(PAPER, policy_layers=5, both_goals=True),
+    "hold and pass": QUICK,
+    "without centres": dataclasses.replace(QUICK, centres=False),
+    "in latent space": dataclasses.replace(LATENT, kernel_width=0.0, k=0.3),
+    "unlike h": dataclasses.replace(LATENT, alternate=False, kernel_width=1.0),
+    "another flow": dataclasses.replace(QUICK, flow="coupling-affine"),
 }
 
 
@@ -87,7 +88,7 @@ def test_a_policy_acts_as_its_agent_does(name: str, tmp_path: Path) -> None:
     if len(agent.models.policies) > 1:
         scaled = [agent.scale.scaled(jnp.asarray(x)) for x in (states, goals)]
         kinds = jax.vmap(lambda s, g: pursued(agent.config, agent.models, s, g))(*scaled)
-        assert 0.05 < kinds.mean() < 0.95
+        assert 0 < kinds.mean() < 1  # some goals are held, some passed
     policy = portable.load(agent.export(tmp_path / "policy.npz"))
     assert (policy.state_names, policy.action_names) == (agent.state_names, agent.action_names)
     np.testing.assert_allclose(policy.act(states, goals), expected, rtol=0, atol=1e-5)
@@ -169,7 +170,7 @@ def test_a_misspelt_ending_is_no_folder(ending: str, meant: str, tmp_path: Path)
 
 @pytest.mark.parametrize(
     "changes",
-    [{"centres": False}, {"reward_space": "latent", "reward_shape": "rational"}],
+    [{"centres": False}, {"reward_space": "latent", "reward_shape": "exponential"}],
 )
 def test_what_has_no_steps_is_refused(changes: dict[str, Any], tmp_path: Path) -> None:
     agent = agent_of(dataclasses.replace(CONFIGS["another flow"], **changes))

@@ -12,12 +12,12 @@ from scipy import stats
 from everystate.learning import replay as rb
 from everystate.learning.replay import Transitions
 from everystate.learning.weights import AS_THEY_ARE, draw
-from everystate.presets import preset
+from small import of_paper
 
 BODIES = 10
 ONE = jnp.ones(2)
 """What a step changes each component by."""
-CONFIG = preset("test", num_bodies=BODIES, capacity=400, batch_size=1000, hindsight_steps=7)
+CONFIG = of_paper(num_bodies=BODIES, capacity=400, batch_size=1000)
 
 
 def walked(first, steps):
@@ -81,21 +81,6 @@ def test_a_states_weight_halves_in_a_half_life(half_life):
 
 
 @pytest.mark.parametrize("steps", [5, 25, 40, 55, 95])
-def test_hindsight_goals_are_the_same_body_some_steps_later(steps):
-    replay = ring(steps)
-    minibatch = rb.sample(CONFIG, replay, ONE, key=jax.random.key(2))
-    began, goal = minibatch.transitions.observations, np.asarray(minibatch.hindsight_goals)
-    ahead = goal[:, 1] - np.asarray(began[:, 1])
-    np.testing.assert_array_equal(goal[:, 0], began[:, 0])
-    assert set(ahead) == set(range(1, min(7, steps) + 1))
-    assert goal[:, 1].max() <= steps  # Nothing later has happened.
-    # Of the newest transitions only s' itself is later.
-    newest = np.asarray(began[:, 1]) == steps - 1
-    assert newest.any()
-    assert np.all(ahead[newest] == 1)
-
-
-@pytest.mark.parametrize("steps", [5, 25, 40, 55, 95])
 def test_states_that_led_to_their_goals_are_the_same_body_some_steps_earlier(steps):
     config = dataclasses.replace(CONFIG, approach_share=1.0, approach_steps=7)
     replay = ring(steps)
@@ -115,14 +100,6 @@ def test_approaches_are_the_stated_share_of_the_pairs():
         jnp.abs(minibatch.states[:, 1] - minibatch.goals[:, 1]) < 2
     )
     assert float(same.mean()) == pytest.approx(0.5, abs=0.05)
-
-
-def test_the_simplest_hindsight_goal_is_the_next_state():
-    config = preset("test", num_bodies=BODIES, capacity=400, batch_size=100, hindsight_steps=1)
-    minibatch = rb.sample(config, ring(55), ONE, key=jax.random.key(3))
-    np.testing.assert_array_equal(
-        minibatch.hindsight_goals, minibatch.transitions.next_observations
-    )
 
 
 def test_a_minibatch_holds_what_its_slots_hold():
@@ -162,7 +139,7 @@ def test_refresh_writes_only_what_was_drawn():
 
 def test_visited_goals_are_drawn_by_their_weight_as_goals():
     """Of two kinds of state, one a hundred times rarer, both come about equally often."""
-    config = preset("test", weight_temper=1.0, weight_clip=20.0, capacity=500)
+    config = of_paper(weight_temper=1.0, weight_clip=20.0, capacity=500)
     states = jnp.where(jnp.arange(400) < 4, 1.0, 0.0)[:, None]
     transitions = rb.Transitions(states, jnp.zeros((400, 1)), states, states[:, :0])
     rarity = jnp.where(states[:, 0] == 1.0, jnp.log(99.0), 0.0)
@@ -172,9 +149,9 @@ def test_visited_goals_are_drawn_by_their_weight_as_goals():
     assert float(goals.mean()) == pytest.approx(0.5, abs=0.05)
 
 
-def test_hindsight_does_not_cross_a_break():
+def test_approaches_do_not_cross_a_break():
     """A body that came to an end and started elsewhere reached nothing after it from before it."""
-    config = preset("test", num_bodies=1, capacity=40, batch_size=32, hindsight_steps=10)
+    config = of_paper(num_bodies=1, capacity=40, batch_size=32)
     config = dataclasses.replace(config, approach_share=1.0, approach_steps=10)
     before = jnp.arange(20.0)[:, None]
     after = before + 1
@@ -189,9 +166,6 @@ def test_hindsight_does_not_cross_a_break():
         jnp.zeros(20),
     )
     minibatch = rb.sample(config, replay, ONE, key=jax.random.key(1))
-    began, goal = minibatch.transitions.observations, minibatch.hindsight_goals
-    np.testing.assert_array_equal(np.asarray(began > 50), np.asarray(goal > 50))
-    assert float((goal - began).max()) > 5
     led, goal = minibatch.states, minibatch.goals
     np.testing.assert_array_equal(np.asarray(led > 50), np.asarray(goal > 50))
     assert float((goal - led).max()) > 5

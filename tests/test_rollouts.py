@@ -16,7 +16,7 @@ from everystate.learning.rollouts import improve_by_rollouts
 from everystate.presets import preset
 from worlds import Known
 
-CONFIG = preset("any", imagined_steps=8, kept_steps=4, j=16, N=4)
+CONFIG = preset("quick", imagined_steps=8, kept_steps=4, j=16, N=4)
 STEP, CERTAIN = 0.5, 1e-6
 STATE, GOAL = jnp.array([[0.0]]), jnp.array([[4 * STEP]])
 
@@ -28,7 +28,7 @@ class Stays(Policy):
 
     def __init__(self, centre: Any = 0.0) -> None:
         self.flow: Any = None
-        self.inputs, self.horizontal = "goal", ()
+        self.both, self.horizontal = False, ()
         self.centre = jnp.asarray(centre)
 
     def central(self, state: Any, goal: Any) -> Any:
@@ -54,7 +54,7 @@ def nowhere(state: Any, goal: Any) -> Any:
 
 
 def improved(world: Any, number: int = HOLD, state: Any = STATE, **fields: Any) -> Any:
-    config = CONFIG if not fields else preset("any", **{**ASKED, **fields})
+    config = CONFIG if not fields else preset("quick", **{**ASKED, **fields})
     models = SimpleNamespace(state_flow=Normal(jnp.zeros(1)), dynamics=Known(world, 1))
     aim = objectives(config)[number]
     found = improve_by_rollouts(

@@ -15,6 +15,7 @@ from everystate.learning.objectives import objectives
 from everystate.learning.rewards import closeness, placing
 from everystate.learning.value import lowest, steps
 from everystate.presets import preset
+from small import of_paper
 
 PLACES = 6
 
@@ -24,23 +25,9 @@ def backup(config, near, value, floor):
     return objectives(config, floor)[0].counted(jnp.stack([jnp.zeros(()), near]), value)[0]
 
 
-def test_components_count_by_what_a_step_changes_them_by() -> None:
-    models = SimpleNamespace(
-        dynamics=SimpleNamespace(change_scale=jnp.array([0.1, 0.2]), weights=jnp.ones(2))
-    )
-    near, far = (
-        placing(preset("test", reward_space=space), models) for space in ("state", "steps")
-    )
-    state = jnp.array([1.0, 1.0])
-    assert near(state).tolist() == [1.0, 1.0]
-    weighted = far(state)
-    assert float(weighted[0] / weighted[1]) == pytest.approx(2)  # half as quick, so twice as far
-    assert float((weighted**2).mean()) == pytest.approx(1)
-
-
 def test_backup_is_the_reward_plus_the_value():
     def target(near, value, floor=-np.inf, **fields):
-        config = preset("test", **fields)
+        config = of_paper(**fields)
         return float(backup(config, jnp.array(near), jnp.array(value), jnp.array(floor)))
 
     free = {"bound_value": False, "absorb": 0.0}
@@ -54,7 +41,6 @@ def test_backup_is_the_reward_plus_the_value():
     assert target(0.0, -7.0, **absorbing) == -8
     assert target(1.0, -7.0, **absorbing) == 0
     assert target(0.25, -8.0, **absorbing) == -6.75
-    assert target(0.5, -8.0, **absorbing, absorb_power=3) == -7.5
 
     for absorb in (0.0, 0.5, 1.0):
         bounded = {"bound_value": True, "absorb": absorb}
@@ -66,7 +52,7 @@ def test_backup_is_the_reward_plus_the_value():
 
 
 def test_a_discounted_backup_has_a_least_value_and_stands_for_steps():
-    config = preset("test", discount=0.9, absorb=0.5)
+    config = of_paper(discount=0.9, absorb=0.5)
     target = backup(config, jnp.array(0.5), jnp.array(-4.0), jnp.array(-9.0))
     assert float(target) == pytest.approx(-0.5 - 0.9 * 0.75 * 4)
     least, value = [], 0.0
@@ -76,19 +62,16 @@ def test_a_discounted_backup_has_a_least_value_and_stands_for_steps():
         value = float(backup(config, jnp.array(0.0), jnp.array(value), jnp.array(value)))
     np.testing.assert_allclose(steps(config, jnp.array(least)), np.arange(30.0), atol=1e-3)
     assert np.isfinite(steps(config, jnp.array([-11.0, 0.5]))).all()
-    undiscounted = preset("test")
+    undiscounted = of_paper()
     assert float(lowest(undiscounted, jnp.array(7))) == -7
     assert float(steps(undiscounted, jnp.array([-7.0]))[0]) == 7
 
 
 def test_closeness_is_one_at_the_goal_and_falls_with_k():
     here, there = jnp.array([0.1, 0.2]), jnp.array([0.2, 0.2])
-    assert float(closeness(preset("test", k=100.0), here, here)) == 1
-    assert float(closeness(preset("test", k=100.0), here, there)) == pytest.approx(np.exp(-1))
-    assert float(closeness(preset("test", k=10.0), here, there)) == pytest.approx(np.exp(-0.1))
-    rational = preset("test", k=10.0, reward_shape="rational")
-    assert float(closeness(rational, here, here)) == 1
-    assert float(closeness(rational, here, there)) == pytest.approx(1 / 1.1)
+    assert float(closeness(of_paper(k=100.0), here, here)) == 1
+    assert float(closeness(of_paper(k=100.0), here, there)) == pytest.approx(np.exp(-1))
+    assert float(closeness(of_paper(k=10.0), here, there)) == pytest.approx(np.exp(-0.1))
 
 
 def test_of_two_slopes_one_leads_from_afar_by_what_is_slow_to_change() -> None:
@@ -96,7 +79,7 @@ def test_of_two_slopes_one_leads_from_afar_by_what_is_slow_to_change() -> None:
     models = SimpleNamespace(
         dynamics=SimpleNamespace(change_scale=jnp.array([0.1, 0.2]), weights=jnp.ones(2))
     )
-    config = preset("any")
+    config = preset("quick")
     place, goal = placing(config, models), jnp.zeros(2)
 
     def near(*state: float) -> float:
@@ -127,7 +110,7 @@ def trained(config, copies, updates):
 
     The chain: one place to the left, to the right, or none, with walls at both ends.
     """
-    value = Value(1, inputs="difference", width=16, depth=2, frequencies=3, key=jax.random.key(0))
+    value = Value(1, both=True, width=16, depth=2, frequencies=3, key=jax.random.key(0))
     states, goals = (x.ravel() for x in jnp.meshgrid(jnp.arange(6.0), jnp.arange(6.0)))
     adam = optax.adam(config.learning_rate)
 
@@ -168,13 +151,7 @@ def trained(config, copies, updates):
 
 @pytest.mark.parametrize("stabilised", [True, False])
 def test_the_value_converges_to_the_known_step_counts(stabilised):
-    config = preset(
-        "test",
-        bound_value=stabilised,
-        absorb=float(stabilised),
-        k=30.0,
-        learning_rate=3e-3,
-    )
+    config = of_paper(bound_value=stabilised, absorb=float(stabilised), k=30.0, learning_rate=3e-3)
     learned = trained(config, copies=10, updates=60)
     steps = np.abs(np.arange(PLACES)[:, None] - np.arange(PLACES))
     # The reward is that of s', so that the step onto the goal costs nothing: one place away, as
@@ -187,7 +164,7 @@ def test_the_value_converges_to_the_known_step_counts(stabilised):
 
 
 def test_the_loss_adds_the_value_at_the_goals():
-    config = preset("test", goal_value_weight=0.5)
+    config = of_paper(goal_value_weight=0.5)
 
     def value(state, goal):
         return state[0] - 2 * goal[0]
@@ -201,7 +178,7 @@ def test_the_loss_adds_the_value_at_the_goals():
 
 def test_relative_errors_count_less_where_there_is_far_to_go():
     states, goals = jnp.array([[1.0], [-30.0]]), jnp.zeros((2, 1))
-    config = preset("test", goal_value_weight=0.0, relative_errors=True)
+    config = of_paper(goal_value_weight=0.0, relative_errors=True)
     targets, aim = jnp.array([0.0, -39.0]), objectives(config)[0]
     loss = value_loss(config, aim, lambda s, g: s[0] - 2 * g[0], states, goals, targets)
     assert float(loss) == pytest.approx((1.0 / (1 + 0) + 81.0 / (1 + 39)) / 2)

@@ -138,7 +138,7 @@ def update_once(
 
     # a_best and v_targ for each (s, g), or for the first of them.
     aims = objectives(config, lowest(config, state.copies))
-    improved = improve_by_rollouts if config.kept_steps else improve
+    improved = improve_by_rollouts if config.imagined_steps else improve
     improvements = [
         improved(
             config,

@@ -12,7 +12,7 @@ from typing import Literal, get_type_hints
 from everystate.errors import EverystateError
 from everystate.limits import RANGES, require_in_range, require_kind
 
-RewardShape = Literal["exponential", "rational", "two-slopes"]
+RewardShape = Literal["exponential", "two-slopes"]
 FlowFamily = Literal["pldu", "coupling-affine", "coupling-spline", "autoregressive-spline"]
 
 MODEL_COPY = "model_copy"
@@ -56,13 +56,12 @@ class Config:
     kernel_width: float = 0.0
     """If above 0, k is 1 / (n width^2): the width of the reward is a root mean square over the n
     components, so that it means the same in any number of dimensions [D34]."""
-    reward_space: Literal["latent", "state", "steps"] = "latent"
-    """Where |dz| is taken: latent space of f (paper); scaled states, which stay put [D9]; or these
-    in units of what a step changes each component by [D27]."""
+    reward_space: Literal["latent", "state"] = "latent"
+    """Where |dz| is taken: latent space of f (paper), or scaled states, which stay put [D9]."""
     reward_shape: RewardShape = "exponential"
-    """exp(-k |dz|^2) (paper); 1 / (1 + k |dz|^2), which is felt from far away [D21]; or half a
-    cusp exp(-sqrt(k) |dz|), which is felt until the goal is met exactly [D38], and half
-    1 / (1 + |dz|^2 / n), dz in steps, which is felt from afar by what is slow to change [D45]."""
+    """exp(-k |dz|^2) (paper); or half a cusp exp(-sqrt(k) |dz|), which is felt until the goal is
+    met exactly [D38], and half 1 / (1 + |dz|^2 / n), dz in steps, which is felt from afar by what
+    is slow to change [D45]."""
 
     # --- Safe improvement (4.3, Algorithm 1) ---
     j: int = 1
@@ -73,32 +72,24 @@ class Config:
     """How N returns become one score: a percentile (paper: the 0th, the min) or the mean."""
     percentile: float = 0.0
     """Which percentile of the N returns; 0 is the min, 100 the max."""
-    gradient_step: float = 1.0
-    """Length factor of the candidates' step along the gradient of r + V_targ."""
     max_gradient_step: float = math.inf
-    """Longest such step per action component, in units of action [D12]."""
+    """Longest step of candidates along the gradient of r + V_targ, per component, in units of
+    action [D12]."""
     sensor_noise: float = 0.0
     """Sd of noise added to imagined next states, in scaled units (4.3)."""
-    imagined_weight: float = 0.0
-    """Weight, in the policy's loss, of r + V_targ after steps that it imagines [D25]."""
+    imagined_steps: int = 0
+    """How many steps the policy imagines ahead: it climbs what V counts on the way, and that is
+    V's target. 0 is neither: r + V_targ after one step (paper, eq. 2) [D25], [D26]."""
+    imagined_weight: float = 50.0
+    """Weight of that in the policy's loss [D25]."""
     steepest: float = math.inf
     """Most that a unit of an imagined action gains, in steps: a longer gradient is cut [D41]."""
-    imagined_steps: int = 5
-    """How many such steps."""
-    imagined_absorb: bool = True
-    """Whether reaching ends the count of what the policy climbs, as it does V's [D10], [D25]."""
-    imagined_targets: float = 0.0
-    """Share of the same return in V's targets; the rest is eq. 2's [D26]."""
     improved_share: float = 1.0
-    """Share of a minibatch for which candidates are compared; below 1 V's targets are all
-    imagined [D26]."""
-    kept_steps: int = 0
-    """If above 0, candidates are judged by imagined ways, on which they are kept for 1 to this many
-    steps, and lead the policy's centre [D40]; 0 is r + V_targ after one step (paper)."""
+    """Share of a minibatch for which candidates are compared [D26]."""
+    kept_steps: int = 1
+    """Candidates judged by imagined ways are kept for 1 to this many steps [D40]."""
     hindsight: bool = True
-    """Also fit pi(a|s,g) to transitions, with g a state reached later (2.3)."""
-    hindsight_steps: int = 1
-    """Hindsight goals lie 1 to this many steps ahead; 1 is g = s'."""
+    """Also fit pi(a|s,g) to transitions, with g the state that they reached (2.3)."""
 
     # --- Curriculum (Appendix A) ---
     p_curric: float = 0.8
@@ -137,8 +128,6 @@ class Config:
     """Weight of V_targ beside r; at 1 (paper) V counts steps without a horizon [D18]."""
     absorb: float = 0.0
     """Chance that reaching the goal ends the count: 0 is r + V_targ, 1 V(g,g) = 0 [D10]."""
-    absorb_power: int = 1
-    """Power of κ that this chance is: above 1 the count ends only nearer to the goal [D10]."""
     goal_value_weight: float = 1.0
     """Weight of V(g,g)^2 beside (V - v_targ)^2."""
     value_stride: int = 0
@@ -178,8 +167,6 @@ class Config:
     """Updates per copy of V to V_targ; n_updates is the paper's one copy per episode [D8]."""
     learning_rate: float = 1e-3
     """Adam's step size; twice the paper's in `quick` [D15]."""
-    cooldown: float = 0.0
-    """Share of the run, at its end, over which Adam's step size falls to a tenth [D16]."""
     rate_halving: float = math.inf
     """Epochs t after which the step size has halved: it falls as 1 / (1 + epoch / t) [D35]."""
     averaged: float = 0.0
@@ -197,8 +184,6 @@ class Config:
     """Units per hidden layer."""
     frequencies: int = 0
     """Octaves of sines and cosines that join every MLP's inputs; the paper has none [D13]."""
-    relative_goals: bool = False
-    """V and pi see g - s in the place of g [D20]."""
     both_goals: bool = False
     """V and pi see g and g - s [D20]."""
     centres: bool = False
@@ -264,16 +249,15 @@ class Config:
                 f"a divisor, or a batch_size of {_multiple(self.batch_size, self.devices)}, so "
                 f"that every device has as many examples"
             )
-        if self.improved_share < 1 and self.imagined_targets < 1:
+        if self.improved_share < 1 and not self.imagined_steps:
             raise EverystateError(
-                f"improved_share = {self.improved_share} leaves pairs without a target of their "
-                f"own, and imagined_targets = {self.imagined_targets} does not give them all one: "
-                f"set one of the two to 1"
+                f"improved_share = {self.improved_share} leaves pairs without a target, and "
+                f"imagined_steps = 0 gives them none: set the former to 1, or raise the latter"
             )
-        if self.objective == "hold-and-pass" and self.imagined_targets < 1:
+        if self.objective == "hold-and-pass" and not self.imagined_steps:
             raise EverystateError(
-                f"imagined_targets = {self.imagined_targets} mixes targets of one step into V's, "
-                f"which a hit takes from whole ways alone: set it to 1"
+                "objective = 'hold-and-pass' counts a hit on whole ways, and imagined_steps = 0 "
+                "imagines none: raise it, or set objective to 'paper-sum'"
             )
         if self.reward_shape == "two-slopes" and self.reward_space != "state":
             raise EverystateError(
@@ -285,16 +269,16 @@ class Config:
                 f"any_heading needs units that are the same from all sides, and units = "
                 f"{self.units!r} are the body's: set units to 'running', or any_heading to false"
             )
-        if self.kept_steps > self.imagined_steps:
+        if self.kept_steps > max(self.imagined_steps, 1):
             raise EverystateError(
                 f"kept_steps = {self.kept_steps} is more than imagined_steps = "
                 f"{self.imagined_steps}, on which actions are kept: lower it, or raise the other"
             )
-        if self.value_stride and not self.imagined_targets:
+        if self.value_stride and not self.imagined_steps:
             raise EverystateError(
                 f"value_stride = {self.value_stride} has V learn on imagined ways, and "
-                f"imagined_targets = 0 has it learn of none: set value_stride to 0, or raise "
-                f"imagined_targets"
+                f"imagined_steps = 0 has it learn of none: set value_stride to 0, or raise "
+                f"imagined_steps"
             )
         if self.improved_pairs % self.devices:
             raise EverystateError(

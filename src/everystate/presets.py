@@ -5,7 +5,6 @@ Deviations from the paper carry their number in `docs/algorithm.md`, in the form
 
 import math
 from dataclasses import fields, replace
-from typing import Any
 
 from everystate.config import Config
 from everystate.errors import EverystateError, suggest
@@ -39,9 +38,9 @@ _PAPER = {
     "max_gradient_step": 1.0,
 }
 
-# Smaller, for two cores.
-_SMALL = {
-    "batch_size": 256,
+# Smaller, for two cores, and for any body: nothing in it knows which.
+_QUICK = {
+    "batch_size": 128,
     "width": 128,
     "depth": 3,
     "state_layers": 6,
@@ -51,46 +50,35 @@ _SMALL = {
     "target_period": 20,
     "learning_rate": 2e-3,
     "goals": "visited",
-    "m": 20,
+    "m": 50,
+    "rare_share": 0.5,
+    "calm_share": 1 / 3,
     "weight_clip": 2.0,
+    "units": "running",
+    "any_heading": True,
+    "objective": "hold-and-pass",
     "reward_space": "state",
-    "discount": 0.98,
+    "reward_shape": "two-slopes",
+    "kernel_width": 0.3,
+    "discount": 0.99,
+    "absorb": 0.1,
+    "relative_errors": True,
     "goal_value_weight": 0.0,
     "approach_share": 0.5,
     "p_curric": 0.5,
     "j": 2,
-    "N": 3,
-}
-
-# For any body: nothing in it knows which.
-_ANY = _SMALL | {
-    "units": "running",
-    "any_heading": True,
-    "capacity": 1_000_000,
-    "m": 50,
-    "rare_share": 0.5,
-    "calm_share": 1 / 3,
     "N": 2,
-    "objective": "hold-and-pass",
-    "reward_shape": "two-slopes",
-    "absorb": 0.1,
-    "imagined_absorb": False,
-    "relative_errors": True,
-    "discount": 0.99,
-    "kernel_width": 0.3,
     "both_goals": True,
     "centres": True,
     "centre_weight": 1.0,
     "dynamics_updates": 4,
-    "batch_size": 128,
     "improved_share": 0.125,
+    "kept_steps": 8,
     "imagined_weight": 50.0,
     "imagined_steps": 16,
-    "imagined_targets": 1.0,
     "value_stride": 4,
-    "steps_per_epoch": 200,
-    "kept_steps": 8,
     "steepest": 10.0,
+    "steps_per_epoch": 200,
     "hindsight": False,
     "pursued_share": 0.5,
     "central_share": 0.5,
@@ -101,72 +89,7 @@ _ANY = _SMALL | {
     "epochs": 100,
 }
 
-# Three bodies have sets of their own still, tuned on them by measurement (docs/algorithm.md).
-_TUNED = _SMALL | {
-    "capacity": 100_000,
-    "cooldown": 0.4,
-    "absorb": 0.5,
-    "relative_goals": True,
-    "epochs": 200,
-}
-
-_TUNED_BODIES: dict[str, dict[str, Any]] = {
-    # By these its policy balances, not only the search at act time.
-    "cartpole": {
-        "m": 1,
-        "hindsight": False,
-        "absorb": 0.1,
-        "relative_errors": True,
-        "centre_weight": 100.0,
-        "imagined_weight": 50.0,
-        "imagined_steps": 8,
-        "imagined_absorb": False,
-        "imagined_targets": 0.5,
-        "pursued_share": 0.5,
-        "central_share": 0.5,
-        "not_finite": "roll-back",
-        "epochs": 100,
-    },
-    # In 29 dimensions; of what lies still one learns nothing of motion.
-    "ant": {
-        "k": 0.5,
-        "reward_shape": "rational",
-        "frequencies": 0,
-        "dynamics_layers": 1,
-        "dynamics_updates": 16,
-        "centre_weight": 100.0,
-        "capacity": 300_000,
-        "reward_space": "steps",
-        "absorb_power": 6,
-        "gradient_step": 10.0,
-        "imagined_weight": 50.0,
-        "imagined_steps": 8,
-        "imagined_targets": 0.5,
-        "pursued_share": 0.5,
-        "central_share": 0.5,
-        "wander_share": 0.3,
-        "not_finite": "roll-back",
-        "epochs": 180,
-    },
-    # The ramp has the paper's own goals: the rarest of those visited do as well, but no better.
-    "ramp-pointmass": {
-        "goals": "imagined",
-        "m": 20,
-        "weight_clip": 8.0,
-        "reward_space": "latent",
-        "discount": 1.0,
-        "absorb": 1.0,
-        "goal_value_weight": 1.0,
-        "relative_goals": False,
-        "approach_share": 0.0,
-        "p_curric": 0.2,
-        "j": 1,
-        "N": 8,
-        "epochs": 160,
-    },
-}
-
-_TINY = {
+TINY = {
     "capacity": 4_000,
     "batch_size": 32,
     "N": 4,
@@ -183,16 +106,17 @@ _TINY = {
     "epochs": 3,
     "checkpoint_period": 1,
 }
+"""Sizes by which any preset runs in seconds."""
 
-PRESETS = ("quick", "any", "paper", "literal", "test")
+PRESETS = ("quick", "paper", "literal", "test")
 
 
 def preset(name: str, body: str = "ramp-pointmass", **overrides: object) -> Config:
     """The named preset for a body, with single fields replaced.
 
-    `any` is one set of numbers for every body, for two cores; `quick` is the same but for the three
-    bodies that have a set of their own. `paper` has every number of Appendix B with the stabilisers
-    of `docs/algorithm.md` on, `literal` has them off, `test` runs in seconds.
+    `quick` is one set of numbers for every body, for two cores. `paper` has every number of
+    Appendix B with the stabilisers of `docs/algorithm.md` on, `literal` has them off, `test` is
+    `quick` in seconds.
 
     Raises:
         EverystateError: unknown preset or field, or a value out of range.
@@ -203,14 +127,11 @@ def preset(name: str, body: str = "ramp-pointmass", **overrides: object) -> Conf
     for field in overrides:
         if field not in known:
             raise EverystateError(f"unknown field {field!r}: {suggest(field, known)}")
-    paper = _PAPER | _PAPER_BODIES.get(body, {"k": 10.0})
-    for_any, tuned = _PAPER | {"k": 10.0} | _ANY, _TUNED_BODIES.get(body)
-    quick = for_any if tuned is None else paper | _TUNED | tuned
+    paper, quick = _PAPER | _PAPER_BODIES.get(body, {"k": 10.0}), _PAPER | _QUICK
     numbers = {
         "quick": quick,
-        "any": for_any,
         "paper": paper,
         "literal": paper | _STABILISERS_OFF,
-        "test": quick | _TINY,
+        "test": quick | TINY,
     }
     return replace(Config(), **{**numbers[name], "body": body, **overrides})

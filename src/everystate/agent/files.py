@@ -179,6 +179,8 @@ def read(
         models = with_arrays(models, {name: jnp.asarray(x) for name, x in arrays.items()})
         units = {name: jnp.asarray(x, jnp.float32) for name, x in description["scale"].items()}
         return models, Scale(**units), config, body, act_with, visited
+    except EverystateError as error:
+        raise EverystateError(f"the agent in {folder} cannot be read: {error}") from error
     except _PROBLEMS as error:
         problem = " ".join(f"{type(error).__name__}: {error}".split())
         raise EverystateError(f"the agent in {folder} is damaged ({problem})") from error

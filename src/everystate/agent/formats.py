@@ -5,7 +5,11 @@ from typing import Any
 
 import numpy as np
 
-FORMAT = 8
+from everystate.errors import EverystateError
+
+FORMAT = 9
+SWITCHED = 8
+"""The format of agents that may have learned by settings that are gone."""
 CUSPED = 7
 """The format of agents that may hold goals by a cusp alone."""
 UNTURNED = 6
@@ -18,13 +22,50 @@ SINGLE = 3
 """The format before that, with one policy and one V, whose components all count."""
 UNCHECKED = 2
 """The format before checksums and models: read with a warning."""
-READ = FORMAT, CUSPED, UNTURNED, UNVISITED, STEEP, SINGLE
+READ = FORMAT, SWITCHED, CUSPED, UNTURNED, UNVISITED, STEEP, SINGLE
+
+
+_GONE: Mapping[str, object] = {
+    "relative_goals": True,
+    "reward_shape": "rational",
+    "reward_space": "steps",
+}
+"""Settings by which an agent sees or counts otherwise than any of today's does."""
+_OF_LEARNING = (
+    "absorb_power",
+    "cooldown",
+    "gradient_step",
+    "hindsight_steps",
+    "imagined_absorb",
+    "imagined_targets",
+    "relative_goals",
+)
+"""Fields that are gone, and say nothing of a trained agent."""
 
 
 def config_of_today(values: Mapping[str, Any], found: int) -> dict[str, Any]:
-    """The config of an agent of format `found`. Of what it learned by, a search alone asks."""
-    cusped = found <= CUSPED and values.get("reward_shape") == "cusp"
-    return dict(values) | ({"reward_shape": "two-slopes"} if cusped else {})
+    """The config of an agent of format `found`. Of what it learned by, a search alone asks.
+
+    Raises:
+        EverystateError: it has a setting that is gone, without which it would act otherwise.
+    """
+    today = dict(values)
+    if found > SWITCHED:
+        return today
+    for name, setting in _GONE.items():
+        if today.get(name) == setting:
+            raise EverystateError(
+                f"it learned with {name} = {setting!r}, which is gone: train it anew, or use the "
+                f"everystate that wrote it"
+            )
+    for name in _OF_LEARNING:
+        today.pop(name, None)
+    if found <= CUSPED and today.get("reward_shape") == "cusp":
+        today["reward_shape"] = "two-slopes"
+    if not today.get("imagined_weight"):
+        today |= {"imagined_weight": 0.0, "imagined_steps": 0, "value_stride": 0}
+    today["kept_steps"] = max(1, today.get("kept_steps", 1))
+    return today
 
 
 def brought_up(

@@ -23,7 +23,7 @@ from everystate.learning.components import factors
 from everystate.learning.conditional import Centred, Conditional, ConditionalFlow
 from everystate.learning.facing import LEAST
 from everystate.learning.models import Models, Scale
-from everystate.learning.networks import GoalInputs, Network
+from everystate.learning.networks import Network
 from everystate.learning.objectives import FIRST_LOGIT, HELD, HOLD, NEAR, PASS
 from everystate.portable import Policy
 
@@ -47,7 +47,7 @@ def as_steps(
         goal = tape.do("Where", counts, goal, state)
     state, goal = (_inward(models, state, x) for x in (state, goal))
     actions = [
-        _central(config, policy.flow, _with_goal(state, goal, policy.inputs))
+        _central(config, policy.flow, _with_goal(state, goal, policy.both))
         for policy in models.policies
     ]
     action = actions[0]
@@ -61,9 +61,8 @@ def as_steps(
 # Traced arrays are all [batch, n]; constants [n], or [n, m] to be multiplied by.
 
 
-def _with_goal(state: Traced, goal: Traced, inputs: GoalInputs) -> Traced:
-    seen = {"goal": (goal,), "difference": (goal - state,), "both": (goal, goal - state)}
-    return state.tape.do("Concat", state, *seen[inputs])
+def _with_goal(state: Traced, goal: Traced, both: bool) -> Traced:
+    return state.tape.do("Concat", state, goal, *([goal - state] if both else []))
 
 
 def _inward(models: Models, state: Traced, seen: Traced) -> Traced:
@@ -146,20 +145,17 @@ def _held(config: Config, models: Models, state: Traced, goal: Traced) -> Traced
     k = 1 / (size * config.kernel_width**2) if config.kernel_width else config.k
     near = tape.do("Exp", apart * apart @ np.full((size, 1), -k)) >= NEAR
     hold, passing = models.values[HOLD], models.values[PASS]
-    logit = _output(passing.network, _with_goal(state, goal, passing.inputs)) + FIRST_LOGIT
+    logit = _output(passing.network, _with_goal(state, goal, passing.both)) + FIRST_LOGIT
     near = tape.do("Or", near, tape.do("GreaterOrEqual", math.log(NEAR / (1 - NEAR)), logit))
     goal = _inward(models, goal, goal)
-    can = _output(hold.network, _with_goal(goal, goal, hold.inputs))
+    can = _output(hold.network, _with_goal(goal, goal, hold.both))
     return tape.do("And", near, can >= -HELD / (1 - config.discount))
 
 
 def _placed(config: Config, models: Models, state: Traced) -> Traced:
     """Where the reward sees a state: see `rewards.placing`."""
     if config.reward_space != "latent":
-        weights = models.dynamics.weights
-        if config.reward_space == "steps":
-            weights = weights / models.dynamics.change_scale**2
-        return state * factors(weights)
+        return state * factors(models.dynamics.weights)
     decoder = models.state_flow.bijection
     if config.flow != "pldu" or not isinstance(decoder, Invert):
         raise _unknown(config)

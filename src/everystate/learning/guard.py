@@ -45,7 +45,7 @@ def no_fault(config: Config, transitions: Transitions) -> Fault:
 
     slots = jnp.zeros(config.batch_size, jnp.int32)
     drawn = Transitions(*map(row, transitions))
-    minibatch = Minibatch(states(), states(), drawn, states(), slots, slots)
+    minibatch = Minibatch(states(), states(), drawn, slots, slots)
     improved = config.improved_pairs * len(objectives(config))
     actions = jnp.zeros((improved, transitions.actions.shape[-1]))
     batch = Batch(minibatch, states(), actions, jnp.zeros(improved))

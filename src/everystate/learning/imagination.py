@@ -121,6 +121,6 @@ def climbed(
 ) -> Float[Array, " batch"]:
     """For each (s, g) what the policy makes large on the way with these outcomes.
 
-    Reaching may end no count here, as in planning: so the policy cares for what comes after.
+    Reaching ends no count here, as in planning: so the policy cares for what comes after.
     """
     return jax.vmap(lambda *given: aim.climbed(*way(*given)[1:]))(states, goals, latents)

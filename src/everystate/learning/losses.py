@@ -68,29 +68,21 @@ def gradients(
         aim, improvement, policy = aims[number], improvements[number], new.policies[number]
         actions = noisy(improvement.action, f"pi{aim.suffix}", sd=config.action_noise)
         parts = {"pi": policy_loss(policy, starts[some], goals[some], actions)}
-        if config.kept_steps:
-            better = better_loss(policy, starts[some], goals[some], improvement)
-            parts["better"] = config.imagined_weight * better / len(starts)
         where, towards, targets = starts, goals, improvement.value
         if ways:
             latents, along, counted = ways[number]
             returns = climbed(aim, way(policy, number), starts, goals, latents)
+            better = better_loss(policy, starts[some], goals[some], improvement)
             parts["imagined"] = -config.imagined_weight * returns.mean()
-            first = counted[:, 0]
-            if config.imagined_targets == 1:
-                targets = first.at[some].set(improvement.value) if config.kept_steps else first
-            else:
-                targets += config.imagined_targets * (first - targets)
+            parts["better"] = config.imagined_weight * better / len(starts)
             where = along.reshape(-1, starts.shape[1])
             towards = jnp.repeat(goals, counted.shape[1], axis=0)
-            targets = counted.at[:, 0].set(targets).reshape(-1)
+            targets = counted.at[some, 0].set(improvement.value).reshape(-1)
         parts["V"] = value_loss(config, aim, new.values[number], where, towards, targets)
         if config.hindsight:
             t = minibatch.transitions
             actions = noisy(t.actions, f"hindsight{aim.suffix}", sd=config.action_noise)
-            parts["hindsight"] = policy_loss(
-                policy, t.observations, minibatch.hindsight_goals, actions
-            )
+            parts["hindsight"] = policy_loss(policy, t.observations, t.next_observations, actions)
         return {f"{name}{aim.suffix}": loss for name, loss in parts.items()}
 
     def total(new: Models) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
@@ -116,7 +108,7 @@ def gradients(
             key=named(key, f"imagined{aim.suffix}"),
         )
         for number, aim in enumerate(aims)
-        if config.imagined_weight or config.imagined_targets
+        if config.imagined_steps
     ]
     wanted = improvements[0].value
     errors = (values(models.values[0], starts[some], goals[some]) - wanted) ** 2

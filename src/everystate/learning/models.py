@@ -16,7 +16,7 @@ from everystate.learning.dynamics import Dynamics
 from everystate.learning.facing import Horizontal, alike
 from everystate.learning.flows import state_flow
 from everystate.learning.keys import named
-from everystate.learning.networks import GoalInputs, Value
+from everystate.learning.networks import Value
 from everystate.learning.objectives import objectives
 from everystate.learning.policy import Policy
 
@@ -89,8 +89,8 @@ def new_models(
             return flow
         return Centred(size, condition_size, flow, key=named(key, f"{name} centre"), **network)
 
-    inputs, aims = goal_inputs(config), objectives(config)
-    seen = (3 if inputs == "both" else 2) * state_size
+    both, aims = config.both_goals, objectives(config)
+    seen = (3 if both else 2) * state_size
     return Models(
         state_flow=state_flow(
             state_size,
@@ -109,7 +109,7 @@ def new_models(
         policies=tuple(
             Policy(
                 centred(f"pi{aim.suffix}", action_size, seen, config.policy_layers),
-                inputs,
+                both,
                 horizontal,
             )
             for aim in aims
@@ -118,7 +118,7 @@ def new_models(
         values=tuple(
             Value(
                 state_size,
-                inputs=inputs,
+                both=both,
                 horizontal=horizontal,
                 key=named(key, f"V{aim.suffix}"),
                 **network,
@@ -126,13 +126,6 @@ def new_models(
             for aim in aims
         ),
     )
-
-
-def goal_inputs(config: Config) -> GoalInputs:
-    """What V and pi see of a goal."""
-    if config.both_goals:
-        return "both"
-    return "difference" if config.relative_goals else "goal"
 
 
 def new_optimisers(config: Config, models: Models) -> tuple[optax.OptState, ...]:
@@ -165,13 +158,8 @@ def trainable(models: Any) -> Any:
 
 def _adam(config: Config, name: str) -> optax.GradientTransformation:
     per_epoch = config.num_updates * (config.dynamics_updates if name == "dynamics" else 1)
-    total = config.epochs * per_epoch
     first, halving = config.learning_rate, config.rate_halving * per_epoch
-    rate: float | optax.Schedule = first
-    if cooling := round(config.cooldown * total):
-        rate = optax.linear_schedule(first, 0.1 * first, cooling, total - cooling)
-    elif halving < math.inf:
-        rate = partial(_falling, first, halving)
+    rate = partial(_falling, first, halving) if halving < math.inf else first
     return optax.chain(_clipped(config.gradient_clip), optax.adam(rate))
 
 

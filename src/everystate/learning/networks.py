@@ -1,7 +1,6 @@
 """Multilayer perceptrons with PReLU activations, and the value function built on one."""
 
 import math
-from typing import Literal
 
 import equinox as eqx
 import jax
@@ -70,21 +69,15 @@ def waves(x: Float[Array, " n"], octaves: int) -> list[Float[Array, " n"]]:
     return result
 
 
-GoalInputs = Literal["goal", "difference", "both"]
-"""What V and pi see beside s: g; g - s, whose waves tell how near s is to any goal alike; or both
-[D20]."""
-
-
 def with_goal(
     state: Float[Array, " s"],
     goal: Float[Array, " s"],
-    inputs: GoalInputs,
+    both: bool,
     horizontal: Horizontal,
 ) -> Float[Array, " n"]:
-    """What V and pi see of a state and a goal, both scaled."""
+    """What V and pi see of a state and a goal, both scaled: s, g and, of `both`, g - s [D20]."""
     goal, state = (inward(horizontal, state, x) for x in (goal, state))
-    seen = {"goal": (goal,), "difference": (goal - state,), "both": (goal, goal - state)}
-    return jnp.concatenate([state, *seen[inputs]])
+    return jnp.concatenate([state, goal, *([goal - state] if both else [])])
 
 
 def small_at_first(network: Network) -> Network:
@@ -103,23 +96,24 @@ class Value(eqx.Module):
     """
 
     network: Network
-    inputs: GoalInputs = eqx.field(static=True)
+    both: bool = eqx.field(static=True)
+    """Whether it sees g - s beside s and g [D20]."""
     horizontal: Horizontal = eqx.field(static=True)
 
     def __init__(
         self,
         state_size: int,
         *,
-        inputs: GoalInputs,
+        both: bool,
         horizontal: Horizontal = (),
         key: PRNGKeyArray,
         **network: int,
     ) -> None:
         """An untrained value of states and goals with `state_size` components."""
-        seen = (3 if inputs == "both" else 2) * state_size
+        seen = (3 if both else 2) * state_size
         self.network = Network(seen, 1, key=key, **network)
-        self.inputs, self.horizontal = inputs, horizontal
+        self.both, self.horizontal = both, horizontal
 
     def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         """The output for one state and one goal, both scaled."""
-        return self.network(with_goal(state, goal, self.inputs, self.horizontal))[0]
+        return self.network(with_goal(state, goal, self.both, self.horizontal))[0]

@@ -58,9 +58,7 @@ class PaperSum(NamedTuple):
         return jnp.stack(along[::-1])
 
     def climbed(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:
-        """What the policy makes large over a way: reaching may end no count [D25]."""
-        if self.config.imagined_absorb:
-            return self.counted(near, last)[0]
+        """What the policy makes large over a way: reaching ends no count here [D25]."""
         return self.ahead(near, value.bounded(self.config, last, jnp.asarray(self.floor)))
 
     def ahead(self, near: Way, last: Float[Array, ""]) -> Float[Array, ""]:

@@ -14,7 +14,7 @@ from everystate.config import Config
 from everystate.learning.conditional import Centred, Conditional
 from everystate.learning.facing import Horizontal
 from everystate.learning.flows import decode
-from everystate.learning.networks import GoalInputs, with_goal
+from everystate.learning.networks import with_goal
 from everystate.learning.objectives import Objective, pursued
 from everystate.learning.rewards import placing
 from everystate.learning.search import best_worst_case, blocked
@@ -25,7 +25,8 @@ class Policy(eqx.Module):
     """pi(a|s, g): a conditional flow of both."""
 
     flow: Conditional
-    inputs: GoalInputs = eqx.field(static=True)
+    both: bool = eqx.field(static=True)
+    """Whether it sees g - s beside s and g [D20]."""
     horizontal: Horizontal = eqx.field(static=True)
 
     def __call__(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> AbstractTransformed:
@@ -50,7 +51,7 @@ class Policy(eqx.Module):
         return self.flow.fitted(self._seen(state, goal))
 
     def _seen(self, state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, " n"]:
-        return with_goal(state, goal, self.inputs, self.horizontal)
+        return with_goal(state, goal, self.both, self.horizontal)
 
 
 def central(
@@ -219,8 +220,8 @@ def propose(
     step_latents = jax.random.normal(key_step, (2 * config.j, state.size))
     gradients = jax.vmap(jax.grad(outcome))(started, step_latents)
     limit = config.max_gradient_step
-    steps = jnp.clip(config.gradient_step * gradients, -limit, limit)
-    candidates = jnp.concatenate([started, jnp.clip(started + steps, -1, 1)])
+    moved = jnp.clip(started + jnp.clip(gradients, -limit, limit), -1, 1)
+    candidates = jnp.concatenate([started, moved])
 
     rollouts = jax.random.normal(key_rollouts, (config.N, state.size))
 

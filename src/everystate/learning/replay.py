@@ -125,7 +125,6 @@ class Minibatch(NamedTuple):
     states: Float[Array, "batch s"]
     goals: Float[Array, "batch s"]
     transitions: Transitions
-    hindsight_goals: Float[Array, "batch s"]
     goal_slots: Int[Array, " batch"]
     transition_slots: Int[Array, " batch"]
 
@@ -170,18 +169,7 @@ def sample(
     states = w.draw(replay.states, AS_THEY_ARE, size, key=named(key, "states"))
     goals = goal_slots(config, replay, unit, size, key=key)
     slots = w.draw(replay.of_transitions, how, size, key=named(key, "transitions"))
-    began, reached = replay.transitions.observations, replay.transitions.next_observations
-    # num_bodies slots on is the same body one step later (2.3), unless it came to an end between.
-    steps = jnp.arange(config.hindsight_steps, dtype=jnp.int32)
-    chain = (slots[:, None] + steps[None, :] * config.num_bodies) % replay.capacity
-    joined = (began[chain[:, 1:]] == reached[chain[:, :-1]]).all(axis=-1)
-    unbroken = joined.cumprod(axis=1, dtype=jnp.int32).sum(axis=1)
-    newer = (replay.position - 1 - slots) % replay.capacity // config.num_bodies
-    ahead = jax.random.randint(
-        named(key, "hindsight"), slots.shape, 0, config.hindsight_steps, jnp.int32
-    )
-    ahead = jnp.minimum(ahead, jnp.minimum(newer, unbroken))
-    later = (slots + ahead * config.num_bodies) % replay.capacity
+    reached = replay.transitions.next_observations
     if config.approach_share:
         led = jax.random.bernoulli(named(key, "led"), config.approach_share, goals.shape)
         states = jnp.where(led, approaching(config, replay, goals, key=named(key, "ago")), states)
@@ -189,7 +177,6 @@ def sample(
         states=reached[states],
         goals=reached[goals],
         transitions=jax.tree.map(lambda ring: ring[slots], replay.transitions),
-        hindsight_goals=reached[later],
         goal_slots=goals,
         transition_slots=slots,
     )

@@ -10,10 +10,9 @@ def remaining(config: Config, near: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """The share of what comes after s' that counts.
 
     With `absorb`, V_targ counts only for the share of s' that has not reached g, or gone on from
-    it: eq. 2's V(s, s) = 0 in proportion to a power of the reward's partial credit [D10].
-    `discount` [D18].
+    it: eq. 2's V(s, s) = 0 in proportion to the reward's partial credit [D10]. `discount` [D18].
     """
-    return config.discount * (1 - config.absorb * near**config.absorb_power)
+    return config.discount * (1 - config.absorb * near)
 
 
 def bounded(

@@ -91,10 +91,7 @@ def open_run(folder: Path, config: Config, body: BodyInfo) -> Iterator[Path]:
 
 
 def _require_same(folder: Path, config: Config, body: BodyInfo) -> dict[str, Any]:
-    """What config.json says, if it is of the same config and body: more epochs may be asked for.
-
-    Not where the step size falls towards the last one (`cooldown`), which it has to know then.
-    """
+    """What config.json says, if it is of the same config and body: more epochs may be asked for."""
     try:
         description = read_json(folder / "config.json")
         found, format_found = dict(description["config"]), description["format"]
@@ -113,7 +110,7 @@ def _require_same(folder: Path, config: Config, body: BodyInfo) -> dict[str, Any
         f"{name} {found.get(name)} there and {wanted.get(name)} here"
         for name in [*wanted, *sorted(found.keys() - wanted.keys())]
         if found.get(name) != wanted.get(name)
-        and not (name == "epochs" and _may_go_on(config, found.get(name)))
+        and not (name == "epochs" and _longer(config, found.get(name)))
     ]
     if differing:
         raise EverystateError(
@@ -130,8 +127,8 @@ def _require_same(folder: Path, config: Config, body: BodyInfo) -> dict[str, Any
     return description
 
 
-def _may_go_on(config: Config, epochs: object) -> bool:
-    return not config.cooldown and isinstance(epochs, int) and epochs < config.epochs
+def _longer(config: Config, epochs: object) -> bool:
+    return isinstance(epochs, int) and epochs < config.epochs
 
 
 def write_atomically(path: Path, text: str) -> None:
