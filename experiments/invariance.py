@@ -3,7 +3,7 @@
     python experiments/invariance.py [--out RUNS]
 
 The cartpole with a component rescaled, shifted or repeated, with a constant, a number for each copy
-or noise like that of contacts beside its own, and with half its control step: preset `any`, as
+or noise like that of contacts beside its own, and with half its control step: preset `quick`, as
 `invariance.toml` has it; the bodies are in `altered.py`. Every agent is sent to the goals of the
 cartpole's own suites, which it sees as it sees its states. Runs are made in runs/invariance; of
 each that is over results/invariance/NAME-SEED.json says how it did. What is there is left.

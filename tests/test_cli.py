@@ -142,7 +142,7 @@ def test_train_passes_on_what_was_asked(calls: list[tuple[str, Any]]) -> None:
 def test_train_takes_the_defaults_of_body_and_preset(calls: list[tuple[str, Any]]) -> None:
     assert cli.main(["train", "cartpole"]) == 0
     ((_, asked),) = calls
-    assert (asked["k"], asked["progress"]) == (10.0, True)
+    assert (asked["units"], asked["progress"]) == ("running", True)
     assert asked["run_dir"] == Path("runs/cartpole-quick-seed0")
     assert asked["batch_size"] == preset("quick").batch_size
 

@@ -13,6 +13,7 @@ import sys
 
 import table_agents as _agents  # noqa: F401 (a table joins TABLES when its module is imported)
 import table_benchmark as _benchmark  # noqa: F401
+import table_departures as _departures  # noqa: F401
 import table_one_set as _one_set  # noqa: F401
 import table_ramp as _ramp  # noqa: F401
 from table_cells import ROOT, rewrite
