@@ -1,7 +1,8 @@
-"""The matrix of departures from the paper by preset: what presets.py says, read by no one's hand."""
+"""The matrix of departures from the paper by preset, as `presets.py` has them."""
+
+from table_cells import Rows, table
 
 from everystate.presets import preset
-from table_cells import Rows, table
 
 # Every field in which the presets differ, by the departure that it belongs to; sizes have none.
 _DEPARTURES: dict[str, tuple[str, ...]] = {

@@ -17,8 +17,8 @@ class Train(Config):
     body: tyro.conf.Positional[str] = "ramp-pointmass"
     """Body to learn; `everystate bodies` lists them."""
     preset: str = "quick"
-    """Preset: quick (for two cores), paper, literal (paper without stabilisers) or test. It sets the
-    defaults of the options below."""
+    """Preset: quick (for two cores), paper, literal (paper without stabilisers) or test. It sets
+    the defaults of the options below."""
     config: Path | None = None
     """TOML file that sets the body, the preset and any of the options below, as config.toml in the
     folder of a run; what is given on the command line counts for more."""
