@@ -22,6 +22,8 @@ from everystate.training.learner import Learner, compiled
 from everystate.training.logging import read_metrics
 
 BODY = "ramp-pointmass"
+STOPS: dict[str, Any] = {"not_finite": "stop", "dynamics_updates": 1}
+"""With one batch an update, so that the bad transition is in some of them."""
 
 
 def poisoned(state: AgentState, value: float, *, count: int = 3) -> AgentState:
@@ -41,7 +43,7 @@ def warmed_up(config: Config) -> AgentState:
 
 @functools.cache
 def epoch(mode: Literal["stop", "roll-back"], value: float) -> tuple[Any, ...]:
-    config = preset("test", not_finite=mode)
+    config = preset("test", not_finite=mode, dynamics_updates=1)
     state = warmed_up(config)
     before = state.models
     models = jax.tree.map(lambda x: x.copy() if isinstance(x, jax.Array) else x, before)
@@ -123,7 +125,7 @@ def test_a_run_stops_names_what_was_wrong_and_keeps_it(
         r"its input minibatch.transitions.actions is nan in row \d+, component 0\. Batch and"
         r".* The last good checkpoint is kept in",
     ):
-        everystate.train(BODY, preset="test", run_dir=run, progress=False)
+        everystate.train(BODY, preset="test", run_dir=run, progress=False, **STOPS)
     assert [line["epoch"] for line in read_metrics(run)] == [1]
     assert [p.name for p in (run / "checkpoints").iterdir()] == ["000001"]
     with np.load(run / "faults" / "000002" / "batch.npz") as batch:
@@ -131,7 +133,7 @@ def test_a_run_stops_names_what_was_wrong_and_keeps_it(
     assert all_finite(everystate.load(run / "faults" / "000002").models)
 
     monkeypatch.undo()
-    everystate.train(BODY, preset="test", run_dir=run, progress=False)
+    everystate.train(BODY, preset="test", run_dir=run, progress=False, **STOPS)
     assert [line["epoch"] for line in read_metrics(run)] == [1, 2, 3]
 
 
@@ -140,7 +142,7 @@ def test_a_run_that_stops_at_once_promises_no_checkpoint(
 ) -> None:
     monkeypatch.setattr(loop, "compiled", functools.partial(spoiling, after=0))
     with pytest.raises(EverystateError, match=r"in epoch 1, .* There was no checkpoint yet"):
-        everystate.train(BODY, preset="test", run_dir=tmp_path / "run", progress=False)
+        everystate.train(BODY, preset="test", run_dir=tmp_path / "run", progress=False, **STOPS)
 
 
 def test_a_run_can_go_on_without_such_updates(
@@ -148,7 +150,7 @@ def test_a_run_can_go_on_without_such_updates(
 ) -> None:
     monkeypatch.setattr(loop, "compiled", functools.partial(spoiling, after=1))
     run = tmp_path / "run"
-    everystate.train(BODY, preset="test", run_dir=run, progress="plain", not_finite="roll-back")
+    everystate.train(BODY, preset="test", run_dir=run, progress="plain", dynamics_updates=1)
     taken = [line["update/taken"] for line in read_metrics(run)]
     assert taken[0] == 1
     assert all(0 < share < 1 for share in taken[1:])

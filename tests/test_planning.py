@@ -11,10 +11,10 @@ from flowjax.distributions import Normal
 from everystate.errors import EverystateError
 from everystate.learning.models import Models
 from everystate.learning.planning import Planning, plan
-from everystate.presets import preset
+from small import of_paper
 from worlds import Known
 
-CONFIG = preset("test", reward_space="state", k=10.0, absorb=1.0, discount=0.98)
+CONFIG = of_paper(reward_space="state", k=10.0, absorb=1.0, discount=0.98)
 
 
 class Still:

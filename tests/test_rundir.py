@@ -33,9 +33,9 @@ def test_a_run_of_another_config_is_left_alone(
     run = quietly(run_dir=tmp_path / "run", epochs=1)
     before = contents(run)
     with pytest.raises(
-        EverystateError, match=r"learning_rate \S+ there and 0.01 here; epochs 1 there and 2 here"
+        EverystateError, match=r"learning_rate \S+ there and 0.01 here; width 16 there and 8 here"
     ):
-        quietly(run_dir=run, epochs=2, learning_rate=0.01)
+        quietly(run_dir=run, epochs=2, learning_rate=0.01, width=8)
     assert contents(run) == before
 
 

@@ -29,6 +29,11 @@ def of_warm_up(states: Float[Array, "steps bodies s"], horizontal: Horizontal = 
     return Scale(centre, alike(horizontal, jnp.where(moved, spread, 1.0)))
 
 
+def sound(found: Float[Array, " s"], known: Float[Array, " s"]) -> Float[Array, " s"]:
+    """What was found, or what was known where that is not finite."""
+    return jnp.where(jnp.isfinite(found), found, known)
+
+
 def grown(
     config: Config, state: AgentState, *, key: PRNGKeyArray
 ) -> tuple[AgentState, dict[str, Float[Array, ""]]]:
@@ -40,20 +45,22 @@ def grown(
     networks are left as they are and have to follow, and averages of weights that lag behind are
     wrong by as much as the units have moved since: most of all where the body is all but still,
     which is near the centre of its velocities. All else that is kept in units moves with them. How
-    much each component counts is found from the same transitions [D39].
+    much each component counts is found from the same transitions [D39]. What is not finite in the
+    buffer moves nothing.
     """
     seen = rb.visited_goals(config, state.replay, _DRAWN, key=named(key, "seen"))
     horizontal = state.models.dynamics.horizontal
     spread = alike(horizontal, jnp.std(seen, axis=0))
     epoch = state.epoch.astype(jnp.float32)
     settling = (1 + epoch / _SETTLING) ** -3
-    shift = settling / (1 + settling) * about_zero(horizontal, jnp.mean(seen, axis=0))
+    middle = about_zero(horizontal, jnp.mean(seen, axis=0))
+    shift = settling / (1 + settling) * sound(middle, jnp.zeros_like(middle))
 
     def outgrown(spread: Float[Array, " s"]) -> Float[Array, " s"]:
         most = jnp.where(spread > _OUTGROWN, 1 / (1 + epoch), settling)
         return jnp.clip(spread, 1.0, 1 + jnp.maximum(most, settling))
 
-    factor = outgrown(spread)
+    factor = outgrown(sound(spread, jnp.ones_like(spread)))
 
     def moved(states: Float[Array, "n s"]) -> Float[Array, "n s"]:
         kept = states.shape[1] > 0  # A ring that keeps no goals has none to move.
@@ -71,8 +78,9 @@ def grown(
     changes = drawn.next_observations - drawn.observations
     change = alike(horizontal, jnp.std(changes, axis=0)) / factor
     same = state.models.dynamics.change_scale / factor
-    of_step = same * outgrown(change / same)
-    weights = alike(horizontal, counted(state.kept.dynamics, drawn))
+    of_step = same * outgrown(sound(change / same, jnp.ones_like(same)))
+    known = state.models.dynamics.weights
+    weights = sound(alike(horizontal, counted(state.kept.dynamics, drawn)), known)
 
     def in_units(models: Models) -> Models:
         dynamics = replace(models.dynamics, change_scale=of_step, weights=weights)
