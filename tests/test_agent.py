@@ -27,8 +27,8 @@ from everystate.agent import (
     with_arrays,
 )
 from everystate.agent.formats import STEEP, brought_up
-from everystate.config import FlowFamily
 from everystate.errors import EverystateError
+from everystate.hyperparameters import FlowFamily
 from everystate.learning.flows import decode
 from everystate.learning.models import Scale, Space
 from everystate.learning.planning import Planning

@@ -11,7 +11,7 @@ import optax
 import pytest
 
 from everystate import algorithm
-from everystate.config import FlowFamily
+from everystate.hyperparameters import FlowFamily
 from everystate.learning.draws import draw
 from everystate.learning.episodes import WANDER
 from everystate.learning.goals import choose_goals

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flowjax.distributions import AbstractTransformed
 
-from everystate.config import FlowFamily
+from everystate.hyperparameters import FlowFamily
 from everystate.learning.conditional import Centred, ConditionalFlow, conditional_flow
 from everystate.learning.flows import decode, encode, frozen, state_flow
 from everystate.learning.models import Space, new_models

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from everystate.config import FlowFamily
+from everystate.hyperparameters import FlowFamily
 from everystate.presets import preset
 from everystate.training import programs
 

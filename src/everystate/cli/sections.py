@@ -1,13 +1,12 @@
 """The help of `everystate train`: what a run is called for first, then the config by its sections.
 
-The titles are the comments `# --- Title ---` in `Config`, and texts are what stands below each
-field: both are read from the source, which Tyro reads too.
+The titles are the docstrings of its groups, and texts are what stands below each field: both are
+read from the source, which Tyro reads too.
 """
 
 import ast
 import dataclasses
 import inspect
-import re
 from typing import Annotated, Any, get_type_hints
 
 import tyro
@@ -17,13 +16,11 @@ FIRST = ("body", "preset", "config", "seed", "epochs", "run_dir", "body_options"
 
 
 def sections(config: type) -> dict[str, list[str]]:
-    """Names of a dataclass's own fields by the comment they stand under; "" above the first."""
-    found: dict[str, list[str]] = {"": []}
-    for line in inspect.getsource(config).splitlines():
-        if title := re.fullmatch(r"    # --- (.+) ---", line):
-            found[title[1]] = []
-        elif field := re.match(r"    (\w+): ", line):
-            found[list(found)[-1]].append(field[1])
+    """Names of a dataclass's fields by the group that has them; its own are those of the run."""
+    found = {}
+    for group in reversed([c for c in config.__mro__ if dataclasses.is_dataclass(c)]):
+        title = "The run" if group is config else inspect.getdoc(group) or ""
+        found[title.rstrip(".")] = list(inspect.get_annotations(group))
     return found
 
 

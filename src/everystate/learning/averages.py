@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from everystate.config import Config
+from everystate.hyperparameters import Fitting
 
 Tree = TypeVar("Tree")
 
 
-def averaged(config: Config, average: Tree, models: Tree, update: Int[Array, ""]) -> Tree:
+def averaged(config: Fitting, average: Tree, models: Tree, update: Int[Array, ""]) -> Tree:
     """The average after so many updates, with the weights as they are after one more.
 
     It reaches over about the last `averaged` of the run so far, so that it needs no time constant

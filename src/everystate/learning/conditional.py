@@ -16,7 +16,7 @@ from flowjax.bijections import AbstractBijection, Chain, Invert
 from flowjax.distributions import AbstractTransformed, StandardNormal, Transformed
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from everystate.config import FlowFamily
+from everystate.hyperparameters import FlowFamily
 from everystate.learning.bijections import PLDU, SmoothPReLU, pldu_encoder
 from everystate.learning.flows import Onwards, decode, flowjax_bijection
 from everystate.learning.networks import Network, small_at_first

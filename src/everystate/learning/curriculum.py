@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from everystate.config import Config
+from everystate.hyperparameters import Pairs
 
 
 def replaced(
-    config: Config,
+    config: Pairs,
     log_prob_curriculum: Float[Array, " batch"],
     log_prob_state: Float[Array, " batch"],
     *,
@@ -24,7 +24,7 @@ def replaced(
 
 
 def curriculum_weights(
-    config: Config, squared_errors: Float[Array, " batch"], targets: Float[Array, " batch"]
+    config: Pairs, squared_errors: Float[Array, " batch"], targets: Float[Array, " batch"]
 ) -> Float[Array, " batch"]:
     """l exp(v_targ), by which c's log-likelihood is weighted.
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from everystate.config import Config
+from everystate.hyperparameters import Collection
 
 WANDER = -1
 """In the place of an objective: acting at random."""
@@ -28,7 +28,7 @@ class Episodes(NamedTuple):
     tally: Float[Array, " 3"]  # Ended episodes: how many, how many reached, summed lengths.
 
 
-def no_episodes(config: Config, state_size: int) -> Episodes:
+def no_episodes(config: Collection, state_size: int) -> Episodes:
     """Bodies without a goal: each takes one at its first step."""
     bodies = config.num_bodies
     return Episodes(
@@ -55,7 +55,7 @@ def joined(parts: Sequence[Episodes]) -> Episodes:
 
 
 def advance(
-    config: Config,
+    config: Collection,
     episodes: Episodes,
     states: Float[Array, "bodies s"],
     values: Float[Array, " bodies"],

@@ -10,7 +10,7 @@ from flowjax.bijections import AbstractBijection, Invert, RationalQuadraticSplin
 from flowjax.distributions import AbstractTransformed, StandardNormal, Transformed
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from everystate.config import FlowFamily
+from everystate.hyperparameters import FlowFamily
 from everystate.learning.bijections import PLDU, pldu_encoder
 
 # Latent space to data space, and back: the two directions of a flow, under the paper's names.

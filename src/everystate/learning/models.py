@@ -11,6 +11,7 @@ from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.hyperparameters import Fitting, Units
 from everystate.learning.conditional import Centred, Conditional, conditional_flow
 from everystate.learning.dynamics import Dynamics
 from everystate.learning.facing import Horizontal, alike
@@ -59,7 +60,7 @@ class Space(NamedTuple):
     horizontal: Horizontal = ()
     """Components that turn with it: see `facing`."""
 
-    def turned(self, config: Config) -> Horizontal:
+    def turned(self, config: Units) -> Horizontal:
         """Those that the models turn: none without `any_heading`."""
         return self.horizontal if config.any_heading else ()
 
@@ -128,14 +129,14 @@ def new_models(
     )
 
 
-def new_optimisers(config: Config, models: Models) -> tuple[optax.OptState, ...]:
+def new_optimisers(config: Fitting, models: Models) -> tuple[optax.OptState, ...]:
     """Adam's state for each model."""
     every = zip(Models._fields, models, strict=True)
     return tuple(_adam(config, name).init(trainable(model)) for name, model in every)
 
 
 def step(
-    config: Config, models: Models, gradients: Models, optimisers: tuple[optax.OptState, ...]
+    config: Fitting, models: Models, gradients: Models, optimisers: tuple[optax.OptState, ...]
 ) -> tuple[Models, tuple[optax.OptState, ...]]:
     """One Adam step per model, each with its own gradient clip [D6]."""
     every = zip(Models._fields, models, gradients, optimisers, strict=True)
@@ -144,7 +145,7 @@ def step(
 
 
 def step_one(
-    config: Config, name: str, model: Any, gradient: Any, optimiser: optax.OptState
+    config: Fitting, name: str, model: Any, gradient: Any, optimiser: optax.OptState
 ) -> tuple[Any, optax.OptState]:
     """The step of the model of that name."""
     change, optimiser = _adam(config, name).update(trainable(gradient), optimiser)
@@ -156,7 +157,7 @@ def trainable(models: Any) -> Any:
     return eqx.filter(models, eqx.is_inexact_array)
 
 
-def _adam(config: Config, name: str) -> optax.GradientTransformation:
+def _adam(config: Fitting, name: str) -> optax.GradientTransformation:
     per_epoch = config.num_updates * (config.dynamics_updates if name == "dynamics" else 1)
     first, halving = config.learning_rate, config.rate_halving * per_epoch
     rate = partial(_falling, first, halving) if halving < math.inf else first

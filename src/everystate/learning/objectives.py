@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Int
 
-from everystate.config import Config
+from everystate.hyperparameters import Returns
 from everystate.learning import rewards, value
 
 Way = Float[Array, " states"]
@@ -25,7 +25,7 @@ NO_FLOOR = -jnp.inf
 class PaperSum(NamedTuple):
     """The sum of rewards -1 + h on the way (4.2, eq. 2): it asks to be near, and to stay so."""
 
-    config: Config
+    config: Returns
     floor: Float[Array, ""] | float = NO_FLOOR
     """Lowest value that V_targ can have [D4]."""
 
@@ -92,7 +92,7 @@ class Hit(NamedTuple):
     and for nothing more where one is met.
     """
 
-    config: Config
+    config: Returns
 
     suffix = "_pass"
     """Of the names of its losses and random keys."""
@@ -151,14 +151,16 @@ FIRST_LOGIT = -4.0
 """Of a hit, where the network says 0."""
 
 
-def objectives(config: Config, floor: Float[Array, ""] | float = NO_FLOOR) -> tuple[Objective, ...]:
+def objectives(
+    config: Returns, floor: Float[Array, ""] | float = NO_FLOOR
+) -> tuple[Objective, ...]:
     """Those of a config; `floor` as in `PaperSum`."""
     held = PaperSum(config, floor)
     return (held, Hit(config)) if config.objective == "hold-and-pass" else (held,)
 
 
 def worths(
-    config: Config, values: Sequence[Callable], state: Float[Array, " s"], goal: Float[Array, " s"]
+    config: Returns, values: Sequence[Callable], state: Float[Array, " s"], goal: Float[Array, " s"]
 ) -> Float[Array, " objectives"]:
     """What the V of each objective says of (s, g), in steps."""
     every = zip(objectives(config), values, strict=True)
@@ -166,7 +168,7 @@ def worths(
 
 
 def pursued(
-    config: Config, models: Any, state: Float[Array, " s"], goal: Float[Array, " s"]
+    config: Returns, models: Any, state: Float[Array, " s"], goal: Float[Array, " s"]
 ) -> Int[Array, ""]:
     """By which of its objectives an agent goes for a goal: to pass, until it can be held.
 
@@ -191,7 +193,7 @@ def pursued(
 
 
 def holdable(
-    config: Config, values: Sequence[Callable], goal: Float[Array, " s"]
+    config: Returns, values: Sequence[Callable], goal: Float[Array, " s"]
 ) -> Bool[Array, ""]:
     """Whether the agent can stay at a goal, scaled; of a single objective that is not known.
 

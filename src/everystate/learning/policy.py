@@ -11,6 +11,7 @@ from flowjax.distributions import AbstractTransformed
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from everystate.config import Config
+from everystate.hyperparameters import PolicyImprovement, Returns
 from everystate.learning.conditional import Centred, Conditional
 from everystate.learning.facing import Horizontal
 from everystate.learning.flows import decode
@@ -55,7 +56,7 @@ class Policy(eqx.Module):
 
 
 def central(
-    config: Config, models: Any, state: Float[Array, " s"], goal: Float[Array, " s"]
+    config: Returns, models: Any, state: Float[Array, " s"], goal: Float[Array, " s"]
 ) -> Float[Array, " a"]:
     """What an agent does: the most central action of the policy by which the goal is pursued.
 
@@ -104,7 +105,9 @@ def described(
     return metrics
 
 
-def score(config: Config, returns: Float[Array, "*candidates N"]) -> Float[Array, "*candidates"]:
+def score(
+    config: PolicyImprovement, returns: Float[Array, "*candidates N"]
+) -> Float[Array, "*candidates"]:
     """One number per candidate: the n-th percentile of its N returns, 0 the min, or the mean.
 
     The paper takes the min and suggests the percentile (4.3); the mean is its ablation (5.1).
@@ -116,7 +119,7 @@ def score(config: Config, returns: Float[Array, "*candidates N"]) -> Float[Array
     return jnp.percentile(returns, config.percentile, axis=-1)
 
 
-def worst(config: Config, returns: Float[Array, " N"]) -> Int[Array, ""]:
+def worst(config: PolicyImprovement, returns: Float[Array, " N"]) -> Int[Array, ""]:
     """Which of N returns counts, as in `score`; where that is the mean, any one stands for it."""
     if config.pessimism == "mean":
         return jnp.zeros((), jnp.int32)
@@ -193,7 +196,7 @@ def _improve(
 
 
 def propose(
-    config: Config,
+    config: PolicyImprovement,
     dynamics: Callable,
     policy: Callable,
     returns: Callable,

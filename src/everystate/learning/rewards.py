@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from everystate.config import Config, RewardShape
+from everystate.hyperparameters import Returns, RewardShape
 from everystate.learning.components import factors
 from everystate.learning.flows import encode, frozen
 
@@ -15,7 +15,7 @@ Place = Callable[[Float[Array, " s"]], Float[Array, " place"]]
 _ROUNDED = 0.1
 
 
-def placing(config: Config, models: Any) -> Place:
+def placing(config: Returns, models: Any) -> Place:
     """Where the reward sees a scaled state: at its latent f_enc(s), or at the state itself [D9].
 
     In all but the latent space components count by their weights [D39]. Two slopes [D45] need the
@@ -39,7 +39,7 @@ def placing(config: Config, models: Any) -> Place:
 
 
 def closeness(
-    config: Config,
+    config: Returns,
     place_next: Float[Array, " place"],
     place_goal: Float[Array, " place"],
     shape: RewardShape | None = None,

@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from everystate.config import Config
+from everystate.hyperparameters import Returns
 
 
-def remaining(config: Config, near: Float[Array, "*n"]) -> Float[Array, "*n"]:
+def remaining(config: Returns, near: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """The share of what comes after s' that counts.
 
     With `absorb`, V_targ counts only for the share of s' that has not reached g, or gone on from
@@ -16,13 +16,13 @@ def remaining(config: Config, near: Float[Array, "*n"]) -> Float[Array, "*n"]:
 
 
 def bounded(
-    config: Config, value: Float[Array, "*n"], floor: Float[Array, ""]
+    config: Returns, value: Float[Array, "*n"], floor: Float[Array, ""]
 ) -> Float[Array, "*n"]:
     """V_targ within what it can truly be."""
     return jnp.clip(value, floor, 0) if config.bound_value else value
 
 
-def lowest(config: Config, copies: Int[Array, ""]) -> Float[Array, ""]:
+def lowest(config: Returns, copies: Int[Array, ""]) -> Float[Array, ""]:
     """The least that V_targ can truly be after so many copies: -1 at each of as many steps [D4]."""
     count = copies.astype(jnp.float32)
     if config.discount == 1:
@@ -30,7 +30,7 @@ def lowest(config: Config, copies: Int[Array, ""]) -> Float[Array, ""]:
     return (config.discount**count - 1) / (1 - config.discount)
 
 
-def steps(config: Config, value: Float[Array, " n"]) -> Float[Array, " n"]:
+def steps(config: Returns, value: Float[Array, " n"]) -> Float[Array, " n"]:
     """How many steps of -1 amount to each value: about as many as there are to the goal."""
     if config.discount == 1:
         return -value

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from everystate.config import Config
+from everystate.hyperparameters import Returns
 from everystate.learning.flows import decode
 from everystate.learning.objectives import Objective
 from everystate.learning.rewards import placing
@@ -41,7 +41,7 @@ def rolled(
 
 
 def nearness(
-    config: Config,
+    config: Returns,
     models: Any,
     aim: Objective,
     states: Float[Array, "states s"],

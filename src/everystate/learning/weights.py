@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from everystate.config import Config
+from everystate.hyperparameters import Buffers
 
 WIDTH = 64
 """Slots of a block, and blocks of a group."""
@@ -45,7 +45,7 @@ class Weights(NamedTuple):
     groups: Float[Array, " groups"]
 
 
-def tempering(config: Config) -> Tempering:
+def tempering(config: Buffers) -> Tempering:
     """Of the goals' and the transitions' weights."""
     return Tempering(config.weight_temper, config.weight_clip)
 
