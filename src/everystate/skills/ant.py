@@ -24,6 +24,7 @@ STANDS = 0.52  # m, of its torso above the floor, with ankles at 0
 _FACING = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # upright, its x axis along the world's
 OVER = (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)
 _LEVEL = {"pitch": 0.0, "roll": 0.0}
+_STILL = {"forward_velocity": 0.0, "sideways_velocity": 0.0, "turning_rate": 0.0}
 
 
 def state(
@@ -167,9 +168,9 @@ SKILLS = {
         done=kept(lambda states: on_its_feet(states) & still(states), SECOND),
     ),
     "get-up": Skill(
-        text="dropped in any orientation and told its height and to stay level: be on its feet, its"
-        " torso off the floor, and nearly still for the last second of 10",
-        goals=({"height": STANDS, **_LEVEL},),
+        text="dropped in any orientation and told its height, to be level and to stay where it is:"
+        " be on its feet, its torso off the floor, and nearly still for the last second of 10",
+        goals=({"height": STANDS, **_LEVEL, **_STILL},),
         steps=10 * SECOND,
         starts=anyhow,
         done=kept(lambda states: on_its_feet(states) & still(states), SECOND),
