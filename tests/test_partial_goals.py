@@ -111,11 +111,13 @@ def choose(
     *,
     arrives: Mapping[int, int],
     leaves: Mapping[int, int] = MappingProxyType({}),
+    promised: int | None = None,
 ) -> float:
     """The free second component of the completion of x = 1, of three states and the present.
 
     By stand-ins for d and the policy: after how many steps it gets to a goal, or never, and leaves
-    it, or never. Goals go by their free component: 1, 2, 3, and 0 of the present.
+    it, or never. Goals go by their free component: 1, 2, 3, and 0 of the present. V promises to
+    pass one of them later.
     """
 
     def when(table: Mapping[int, int], goal: Any) -> Any:
@@ -130,7 +132,8 @@ def choose(
     monkeypatch.setattr(completion, "rolled", way)
     monkeypatch.setattr(completion, "central", lambda config, models, state, goal: goal)
     none: Any = None
-    models = Models(none, Known(), none, none, ())
+    promises = (none, lambda _, goal: jnp.where(goal[1] == promised, 10.0, -10.0))
+    models = Models(none, Known(), none, none, () if promised is None else promises)
     states = jnp.stack([jnp.ones(40), 1.0 + jnp.arange(40.0) % 3], axis=1)
     atlas = Atlas(states, jnp.zeros(40, bool))
     here, asked = jnp.array([5.0, 0.0]), jnp.array([1.0, jnp.nan])
@@ -146,6 +149,11 @@ def test_of_what_fits_the_agent_goes_to_what_it_meets_soonest(monkeypatch):
 
 def test_or_to_what_it_can_keep(monkeypatch):
     assert choose(monkeypatch, arrives={1: 10, 2: 3}, leaves={2: 6}) == 1
+
+
+def test_or_where_it_meets_nothing_yet_to_what_v_promises(monkeypatch):
+    assert choose(monkeypatch, arrives={}, promised=3) == 3
+    assert choose(monkeypatch, arrives={2: 3}, promised=3) == 2
 
 
 def test_the_present_state_is_a_choice_too(monkeypatch):

@@ -9,26 +9,21 @@ from table_cells import NONE, RESULTS, Rows, Run, at, middle, read, table, value
 
 READINGS = {
     "stands": ("stands", "policy"),
-    "at rest, end@0.5": ("suites", "rest", "policy", "score", "all"),
-    "in motion, hit@0.5": ("suites", "motion", "policy", "score", "all"),
+    "at rest": ("suites", "rest", "policy", "score", "all"),
+    "in motion": ("suites", "motion", "policy", "score", "all"),
 }
 
 
 @table
 def one_set() -> Rows:
-    """A row per body: medians over seeds and their range; beside them what else was measured."""
+    """A row per body: medians over seeds and their range, and who does nothing or anything."""
     found: dict[str, list[Run]] = defaultdict(list)
     for path in sorted((RESULTS / "one-set").glob("*.json")):
         found[re.sub(r"-\d+$", "", path.stem)].append(read(f"one-set/{path.name}"))
-    heads = ["body", "seeds", "minutes", *READINGS, "its own set, at rest", "in motion"]
+    heads = ["body", "seeds", "minutes", *READINGS]
     rows = [[*heads, "random, stands", "doing nothing, stands"]]
     for body, runs in found.items():
-        tuned = (
-            read(f"agents/{body}.json") if (RESULTS / "agents" / f"{body}.json").exists() else {}
-        )
-        rest, motion = (READINGS[name] for name in list(READINGS)[1:])
         cells = [_range(values(runs, *names)) for names in READINGS.values()]
-        cells += [percent(at(tuned, *rest)), percent(at(tuned, *motion))]
         cells += [_range(values(runs, "stands", name)) for name in ("random", "nothing")]
         minutes = middle(values(runs, "minutes"), times=1)
         rows.append([body, f"{len(runs)}", minutes, *cells])

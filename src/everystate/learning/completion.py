@@ -15,7 +15,7 @@ from everystate.learning.facing import Horizontal, inward, outward
 from everystate.learning.goals import imagined
 from everystate.learning.keys import named
 from everystate.learning.models import Models, Scale
-from everystate.learning.objectives import holdable
+from everystate.learning.objectives import PASS, holdable, objectives
 from everystate.learning.policy import central
 from everystate.learning.state import AgentState
 from everystate.learning.ways import rolled
@@ -174,9 +174,10 @@ def _worth(
 ) -> Float[Array, ""]:
     """How well and how soon what is asked is met on the way to a whole goal, and for how long.
 
-    As the objectives count [D31], with what is asked in the place of the goal. V is not asked what
-    comes after: one component in thirty that is off is less than it is wrong by, and the best of
-    many that it promises is one that it is wrong about.
+    As the objectives count [D31], with what is asked in the place of the goal. V of passing says no
+    more than what comes after the way, so it decides where nothing is met on any: one component in
+    thirty that is off is less than it is wrong by, and the best of many that it promises is one
+    that it is wrong about.
     """
 
     def act(_: Array, s: Float[Array, " s"]) -> Float[Array, " a"]:
@@ -185,4 +186,8 @@ def _worth(
     way = rolled(models, act, here, jnp.zeros((_STEPS, here.size)))
     met = jax.vmap(near)(way[1:])
     fades = config.discount ** jnp.arange(float(_STEPS))
-    return jnp.max(fades * met) + _LASTS * jnp.mean(met)
+    hit = jnp.max(fades * met)
+    if len(models.values) > PASS:
+        after = objectives(config)[PASS].read(models.values[PASS](way[-1], goal))
+        hit = jnp.maximum(hit, config.discount**_STEPS * after)
+    return hit + _LASTS * jnp.mean(met)
