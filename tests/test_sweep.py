@@ -77,7 +77,7 @@ def test_runs_are_seed_by_seed_with_their_own_options(tmp_path: Path) -> None:
         f"{name}/seed{seed}" for seed in (0, 1) for name in ("as-it-is", "no-curriculum")
     ]
     configs = [training(one).config for one in found]
-    assert [(config.seed, config.p_curric) for config in configs[1:3]] == [(0, 0.0), (1, 0.2)]
+    assert [(config.seed, config.p_curric) for config in configs[1:3]] == [(0, 0.0), (1, 0.5)]
     assert {(config.epochs, config.evaluation_period) for config in configs} == {(2, 1)}
     assert training(found[0]).evaluation == Evaluation(plan=False, episodes=10)
 
