@@ -1,9 +1,9 @@
 """Tables of agents that come along, beside peers, no action, random actions and search.
 
-One seed each. Ours are measured by `everystate evaluate BODY --skills --plan --out
-results/agents/BODY.json` (the ant's planning, which takes long, on fewer tasks, in
-ant-planning.json), others by `everystate compare ... --out results/peers/BODY`, what search through
-MuJoCo finds by `python tools/ceilings.py BODY motion`.
+One seed each. Ours are those of `python experiments/one_set.py`, and their planning, which takes
+long, is measured on fewer tasks: `everystate evaluate BODY --plan --episodes 40 --out
+results/agents/BODY-planning.json`. Others are measured by `everystate compare ... --out
+results/peers/BODY`, what search through MuJoCo finds by `python tools/ceilings.py BODY motion`.
 """
 
 from functools import partial
@@ -28,8 +28,7 @@ SEARCH = "search through MuJoCo"
 
 def agents(body: str) -> dict[str, tuple[Run, str]]:
     """Results of a body by the name of the row, and under which key they are its."""
-    ours = _found(f"agents/{body}.json")
-    planning = _found(f"agents/{body}-planning.json") or ours
+    ours, planning = _found(f"one-set/{body}-0.json"), _found(f"agents/{body}-planning.json")
     rows = {"ours": (ours, "policy"), "ours, planning": (planning, "planning")}
     for name, title in PEERS.items():
         rows[title] = (_found(f"peers/{body}/{name}/seed0/evaluation.json"), "policy")
