@@ -132,7 +132,7 @@ def choose(
     monkeypatch.setattr(completion, "rolled", way)
     monkeypatch.setattr(completion, "central", lambda config, models, state, goal: goal)
     none: Any = None
-    promises = (none, lambda _, goal: jnp.where(goal[1] == promised, 10.0, -10.0))
+    promises: Any = (none, lambda _, goal: jnp.where(goal[1] == promised, 10.0, -10.0))
     models = Models(none, Known(), none, none, () if promised is None else promises)
     states = jnp.stack([jnp.ones(40), 1.0 + jnp.arange(40.0) % 3], axis=1)
     atlas = Atlas(states, jnp.zeros(40, bool))
