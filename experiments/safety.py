@@ -2,7 +2,7 @@
 
     python experiments/safety.py
 
-The worst of the N imagined returns against their mean, N being 8 as in `quick` or 20 as in the
+The worst of the N imagined returns against their mean, N being that of `quick` or 20 as in the
 paper, a percentile between them, and sensor noise, on the Ramp Pointmass for 100 epochs, as
 `safety.toml` has it; runs and summary are in results/safety. Of every agent kept on the way,
 `climbs.json` beside a run's other results says how it climbs; `climbs.json` and pictures compare
