@@ -1,4 +1,4 @@
-"""The presets: which numbers a config begins with, for each body.
+"""The presets: which numbers a config begins with.
 
 Deviations from the paper carry their number in `docs/algorithm.md`, in the form [D3].
 """
@@ -74,7 +74,6 @@ _QUICK = {
     "dynamics_updates": 4,
     "improved_share": 0.125,
     "kept_steps": 8,
-    "imagined_weight": 50.0,
     "imagined_steps": 16,
     "value_stride": 4,
     "steepest": 10.0,
@@ -86,7 +85,6 @@ _QUICK = {
     "averaged": 0.1,
     "rate_halving": 15.0,
     "not_finite": "roll-back",
-    "epochs": 100,
 }
 
 TINY = {
