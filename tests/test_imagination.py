@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from flowjax.distributions import Normal
 
-from everystate.learning.imagination import imagined
-from everystate.learning.objectives import objectives
+from everystate.learning.imagination import climbed as climbed_by
+from everystate.learning.imagination import imagined, way_of
+from everystate.learning.objectives import Hit, objectives
 from small import of_paper
 from worlds import Known
 
@@ -37,15 +38,19 @@ def configured(**fields):
     return of_paper(**{**defaults, **fields})
 
 
-def both(config, gain, models=None, floor=NO_FLOOR):
-    models, key = models or world(), jax.random.key(0)
-    aim, *_ = objectives(config, floor)
-    returns = imagined(config, models, policy(gain), value, aim, STATES, GOALS, key=key)
-    return returns._replace(climbed=returns.climbed.mean(), counted=returns.counted.mean(axis=0))
+def way(config, acts, models=None, floor=NO_FLOOR, towards=value, pairs=2, aim=None):
+    """What both functions are given before states and goals."""
+    aim = aim or objectives(config, floor)[0]
+    return aim, way_of(config, models or world(), acts, towards, aim, pairs)
 
 
-def climbed(*args, **kwargs):
-    return both(*args, **kwargs).climbed
+def counted(config, gain, states=STATES, goals=GOALS):
+    return imagined(config, *way(config, policy(gain)), states, goals, key=jax.random.key(0))
+
+
+def climbed(config, gain, **world_and_floor):
+    latents = jnp.zeros((len(STATES), config.imagined_steps, 2))
+    return climbed_by(*way(config, policy(gain), **world_and_floor), STATES, GOALS, latents).mean()
 
 
 def by_hand(config, gain, steps, absorb):
@@ -65,27 +70,49 @@ def by_hand(config, gain, steps, absorb):
 @pytest.mark.parametrize("steps", [1, 4])
 def test_the_return_is_the_rewards_on_the_way_and_the_value_at_its_end(steps):
     config = configured(imagined_steps=steps, absorb=0.5)
-    found = both(config, 0.8)
-    counted = by_hand(config, 0.8, steps, absorb=0.5)
-    np.testing.assert_allclose(found.counted[0], counted, rtol=1e-4)
-    np.testing.assert_allclose(found.climbed, by_hand(config, 0.8, steps, absorb=0), rtol=1e-4)
+    found = counted(config, 0.8)
+    mean, summed = found.counted[:, 0].mean(), by_hand(config, 0.8, steps, absorb=0)
+    np.testing.assert_allclose(mean, by_hand(config, 0.8, steps, absorb=0.5), rtol=1e-4)
+    np.testing.assert_allclose(climbed(config, 0.8), summed, rtol=1e-4)
     np.testing.assert_array_equal(found.states, STATES[:, None])
 
 
 def test_the_value_learns_at_states_on_the_way_too():
     """At every second one, of what is counted from there on [D42]."""
     asked = {"imagined_steps": 5, "absorb": 0.5}
-    whole = both(configured(**asked, value_stride=1), 0.8)
-    found = both(configured(**asked, value_stride=2), 0.8)
+    whole = counted(configured(**asked, value_stride=1), 0.8)
+    found = counted(configured(**asked, value_stride=2), 0.8)
     assert whole.states.shape == (2, 5, 2)
     np.testing.assert_array_equal(found.states, whole.states[:, ::2])
-    np.testing.assert_array_equal(found.counted, whole.counted[::2])
+    np.testing.assert_array_equal(found.counted, whole.counted[:, ::2])
     later = configured(imagined_steps=3, absorb=0.5)
-    aim, *_ = objectives(later)
-    begun = whole.states[:, 2]
+    anew = counted(later, 0.8, states=whole.states[:, 2])
+    np.testing.assert_allclose(found.counted[:, 1], anew.counted[:, 0], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("how", "rank"),
+    [({"percentile": 0.0}, 0), ({"percentile": 50.0}, 4), ({"percentile": 100.0}, 8)],
+)
+def test_of_many_ways_the_worst_is_climbed(how, rank):
+    """Or that of the percentile asked for (eq. 3)."""
+    config = configured(imagined_steps=4, N=9, **how)
+    noisy = world(lambda s, a: Normal(s + STEP * a, jnp.full(2, 0.3)))
     key = jax.random.key(0)
-    anew = imagined(later, world(), policy(0.8), value, aim, begun, GOALS, key=key)
-    np.testing.assert_allclose(found.counted[1], anew.counted.mean(), rtol=1e-5)
+    known = way(config, policy(0.8), models=noisy, aim=Hit(config))
+    found = imagined(config, *known, STATES, GOALS, key=key)
+    drawn = jax.random.normal(key, (2, 9, 4, 2))
+    each = [climbed_by(*known, STATES, GOALS, drawn[:, i]) for i in range(9)]
+    expected = jnp.sort(jnp.stack(each), axis=0)[rank]
+    np.testing.assert_allclose(climbed_by(*known, STATES, GOALS, found.worst), expected, rtol=1e-5)
+
+
+def test_whoever_holds_climbs_any_way():
+    config = configured(imagined_steps=4, N=9)
+    found = counted(config, 0.8)
+    np.testing.assert_array_equal(
+        found.worst, jax.random.normal(jax.random.key(0), (2, 1, 4, 2))[:, 0]
+    )
 
 
 def test_its_gradient_leads_to_the_goal():
@@ -100,11 +127,9 @@ def test_a_policy_beyond_all_actions_is_led_back_but_no_further_out(beyond):
         def acts(s, g):
             return jnp.full_like(s, action)
 
-        key, config = jax.random.key(0), configured(imagined_steps=2)
         pair = jnp.zeros((1, 2)), jnp.full((1, 2), goal)
-        aim, *_ = objectives(config)
-        returns = imagined(config, world(), acts, value, aim, *pair, key=key)
-        return -returns.climbed.mean()
+        known = way(configured(imagined_steps=2), acts, pairs=1)
+        return -climbed_by(*known, *pair, jnp.zeros((1, 2, 2))).mean()
 
     slope = jax.grad(loss)
     assert slope(beyond, -beyond) * beyond > 0
@@ -117,7 +142,6 @@ def test_an_action_gains_so_much_and_no_more():
 
     def slope(steepest, steep):
         config = configured(imagined_steps=1, imagined_weight=weight, steepest=steepest, k=1e6)
-        aim, *_ = objectives(config)
         states, goals = jnp.zeros((pairs, 2)), jnp.ones((pairs, 2))
 
         def loss(actions):
@@ -127,9 +151,9 @@ def test_an_action_gains_so_much_and_no_more():
             def cliff(s, g):
                 return steep * value(s, g)
 
-            key, known = jax.random.key(0), (config, world(), acts, cliff, aim)
-            returns = imagined(*known, states, goals, key=key)
-            return -weight * returns.climbed.mean()
+            latents = jnp.zeros((pairs, 1, 2))
+            known = way(config, acts, towards=cliff, pairs=pairs)
+            return -weight * climbed_by(*known, states, goals, latents).mean()
 
         return float(jnp.linalg.norm(jax.grad(loss)(jnp.full(2, 0.1)))) / weight
 

@@ -67,7 +67,7 @@ _QUICK = {
     "approach_share": 0.5,
     "p_curric": 0.5,
     "j": 2,
-    "N": 3,
+    "N": 2,
     "both_goals": True,
     "centres": True,
     "centre_weight": 1.0,

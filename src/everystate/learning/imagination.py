@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.learning.objectives import Objective
+from everystate.learning.policy import worst
 from everystate.learning.ways import nearness, rolled
 
 
@@ -38,31 +39,32 @@ within.defvjp(lambda action, steepest: (within(action, steepest), action), _with
 
 
 class Imagined(NamedTuple):
-    """What the same imagined steps are worth, by two counts."""
+    """What the ways of each (s, g) tell."""
 
-    climbed: Float[Array, " batch"]
-    """What the policy makes large: reaching ends no count here, so what comes after matters too."""
+    worst: Float[Array, "batch steps s"]
+    """z of the outcomes on the worst of them, which is the one to make better (eq. 3)."""
     states: Float[Array, "batch n s"]
-    """Where V learns: s, and every `value_stride`-th state on the way from there [D42]."""
+    """Where V learns, on one way: s, and every `value_stride`-th state from there [D42]."""
     counted: Float[Array, "batch n"]
     """What V is there: reaching ends the count as V has it [D10]."""
 
 
-def imagined(
+Way = Callable[
+    [Float[Array, " s"], Float[Array, " s"], Float[Array, "steps s"]],
+    tuple[Float[Array, "states s"], Float[Array, " states"], Float[Array, ""]],
+]
+"""From s, g and z of the outcomes: the states on the way, how near they are, and V at its end."""
+
+
+def way_of(
     config: Config,
     models: Any,
     policy: Callable[[Float[Array, " s"], Float[Array, " s"]], Float[Array, " a"]],
     target_value: Callable,
     aim: Objective,
-    states: Float[Array, "batch s"],
-    goals: Float[Array, "batch s"],
-    *,
-    key: PRNGKeyArray,
-) -> Imagined:
-    """For each (s, g) what `imagined_steps` steps by d count, with V_targ after them.
-
-    Their gradient is meant for a loss that has the mean of `climbed`, times minus
-    `imagined_weight`: see `within`.
+    pairs: int,
+) -> Way:
+    """How a policy goes by d.
 
     Args:
         config: hyper-parameters.
@@ -70,23 +72,55 @@ def imagined(
         policy: the centre of pi, which acts at every step, as the agent will.
         target_value: V_targ(s, g).
         aim: what V counts.
-        states: s, scaled.
-        goals: g, scaled.
-        key: of the samples of d.
+        pairs: (s, g) in the loss, which has the mean over them, times `imagined_weight`: so a
+            gradient is shortened as `within` has it.
     """
+    steepest = config.steepest * config.imagined_weight / pairs
 
-    def of_one(state: Array, goal: Array, latents: Float[Array, "steps s"]) -> Imagined:
+    def way(state: Array, goal: Array, latents: Array) -> tuple[Array, Array, Array]:
         def act(_: Array, s: Float[Array, " s"]) -> Float[Array, " a"]:
             return within(policy(s, goal), steepest)
 
-        way = rolled(models, act, state, latents)
-        near = nearness(config, models, aim, way, goal)
-        last = aim.read(target_value(way[-1], goal))
-        counted = aim.counted(near, last)[::stride]
-        return Imagined(aim.climbed(near, last), way[:-1:stride], counted)
+        states = rolled(models, act, state, latents)
+        near = nearness(config, models, aim, states, goal)
+        return states, near, aim.read(target_value(states[-1], goal))
+
+    return way
+
+
+def imagined(
+    config: Config,
+    aim: Objective,
+    way: Way,
+    states: Float[Array, "batch s"],
+    goals: Float[Array, "batch s"],
+    *,
+    key: PRNGKeyArray,
+) -> Imagined:
+    """For each (s, g), scaled, N ways of `imagined_steps` steps, or one if `aim` has no caution."""
+
+    def of_one(state: Array, goal: Array, latents: Float[Array, "ways steps s"]) -> Imagined:
+        ways, near, last = jax.vmap(lambda z: way(state, goal, z))(latents)
+        returns = jax.vmap(aim.climbed)(near, last)
+        counted = aim.counted(near[0], last[0])
+        return Imagined(latents[worst(config, returns)], ways[0, :-1:stride], counted[::stride])
 
     pairs, size = states.shape
     stride = config.value_stride or config.imagined_steps
-    steepest = config.steepest * config.imagined_weight / pairs
-    latents = jax.random.normal(key, (pairs, config.imagined_steps, size))
+    count = config.N if aim.cautious else 1
+    latents = jax.random.normal(key, (pairs, count, config.imagined_steps, size))
     return jax.vmap(of_one)(states, goals, latents)
+
+
+def climbed(
+    aim: Objective,
+    way: Way,
+    states: Float[Array, "batch s"],
+    goals: Float[Array, "batch s"],
+    latents: Float[Array, "batch steps s"],
+) -> Float[Array, " batch"]:
+    """For each (s, g) what the policy makes large on the way with these outcomes.
+
+    Reaching ends no count here, as in planning: so the policy cares for what comes after.
+    """
+    return jax.vmap(lambda *given: aim.climbed(*way(*given)[1:]))(states, goals, latents)

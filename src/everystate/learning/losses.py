@@ -11,7 +11,7 @@ from everystate.config import Config
 from everystate.learning.components import unit
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
-from everystate.learning.imagination import imagined
+from everystate.learning.imagination import Way, climbed, imagined, way_of
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
 from everystate.learning.networks import Value
@@ -58,27 +58,23 @@ def gradients(
     def noisy(x: Float[Array, "batch n"], name: str, sd: float) -> Float[Array, "batch n"]:
         return x + sd * jax.random.normal(named(key, name), x.shape)
 
+    def way(policy: Policy, number: int) -> Way:
+        """How it goes by the d that imagines."""
+        by_d, target = models._replace(dynamics=imagines), target_values[number]
+        return way_of(config, by_d, policy.central, target, aims[number], len(starts))
+
     def of_objective(new: Models, number: int) -> dict[str, Float[Array, ""]]:
         """What pi and V of one objective are trained on."""
         aim, improvement, policy = aims[number], improvements[number], new.policies[number]
         actions = noisy(improvement.action, f"pi{aim.suffix}", sd=config.action_noise)
         parts = {"pi": policy_loss(policy, starts[some], goals[some], actions)}
         where, towards, targets = starts, goals, improvement.value
-        if config.imagined_steps:
-            ways = imagined(
-                config,
-                models._replace(dynamics=imagines),
-                policy.central,
-                target_values[number],
-                aim,
-                starts,
-                goals,
-                key=named(key, f"imagined{aim.suffix}"),
-            )
+        if ways:
+            latents, along, counted = ways[number]
+            returns = climbed(aim, way(policy, number), starts, goals, latents)
             better = better_loss(policy, starts[some], goals[some], improvement)
-            parts["imagined"] = -config.imagined_weight * ways.climbed.mean()
+            parts["imagined"] = -config.imagined_weight * returns.mean()
             parts["better"] = config.imagined_weight * better / len(starts)
-            along, counted = jax.lax.stop_gradient((ways.states, ways.counted))
             where = along.reshape(-1, starts.shape[1])
             towards = jnp.repeat(goals, counted.shape[1], axis=0)
             targets = counted.at[some, 0].set(improvement.value).reshape(-1)
@@ -102,6 +98,18 @@ def gradients(
             parts |= of_objective(new, number)
         return jnp.stack(list(parts.values())).sum(), parts
 
+    ways = [
+        imagined(
+            config,
+            aim,
+            way(models.policies[number], number),
+            starts,
+            goals,
+            key=named(key, f"imagined{aim.suffix}"),
+        )
+        for number, aim in enumerate(aims)
+        if config.imagined_steps
+    ]
     wanted = improvements[0].value
     errors = (values(models.values[0], starts[some], goals[some]) - wanted) ** 2
     weights = curriculum_weights(config, errors, wanted)

@@ -31,6 +31,8 @@ class PaperSum(NamedTuple):
 
     suffix = ""
     """Of the names of its losses and random keys."""
+    cautious = False
+    """Whether the policy climbs the worst of N ways, or any one: by the worst it tries nothing."""
 
     def closeness(
         self, place: Float[Array, " s"], place_goal: Float[Array, " s"]
@@ -94,6 +96,8 @@ class Hit(NamedTuple):
 
     suffix = "_pass"
     """Of the names of its losses and random keys."""
+    cautious = True
+    """The best moment of a way may be luck, so of N ways it climbs the worst (eq. 3)."""
 
     def closeness(
         self, place: Float[Array, " s"], place_goal: Float[Array, " s"]

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from flowjax.distributions import AbstractTransformed
-from jaxtyping import Array, Float, Key, PRNGKeyArray
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from everystate.config import Config
 from everystate.hyperparameters import PolicyImprovement, Returns
@@ -117,6 +117,14 @@ def score(
     if config.percentile == 0:
         return returns.min(axis=-1)
     return jnp.percentile(returns, config.percentile, axis=-1)
+
+
+def worst(config: PolicyImprovement, returns: Float[Array, " N"]) -> Int[Array, ""]:
+    """Which of N returns counts, as in `score`; where that is the mean, any one stands for it."""
+    if config.pessimism == "mean":
+        return jnp.zeros((), jnp.int32)
+    rank = round(config.percentile / 100 * (len(returns) - 1))
+    return jnp.argsort(returns)[rank]
 
 
 def improve(
