@@ -35,7 +35,7 @@ def world() -> World:
 
 
 def test_it_goes_where_it_is_sent_and_stays(world: World) -> None:
-    world.send(np.array([0.4, -0.6]))
+    world.send(np.array([-0.9, -0.9]))
     for _ in range(60):
         world.step()
     thoughts = world.thoughts()
@@ -84,17 +84,18 @@ def test_a_skill_goes_through_its_goals_and_keeps_the_last(world: World) -> None
     assert world.goal.tolist() == [0.0, 0.0]
 
 
-def test_a_skill_is_told_done_as_soon_as_its_rule_is_fulfilled(world: World) -> None:
-    world.perform("climb")
-    assert world.pursuit.told(0.06) == "0.0 of 7.2 s"
+def test_a_skill_is_told_done_as_soon_as_its_rule_is_fulfilled() -> None:
+    world = World(load("cartpole"))
+    world.perform("pass-top")
+    assert world.pursuit.told(0.02).startswith("0.0 of ")
     while not world.pursuit.over:
         world.step()
         world.pursuit.judge(world.env)
         if world.pursuit.reached is not None:
             break
     assert world.pursuit.steps == world.pursuit.reached
-    assert 5 <= world.pursuit.steps < 120
-    assert world.pursuit.told(0.06) == f"done in {0.06 * world.pursuit.steps:.1f} s"
+    assert 5 <= world.pursuit.steps < 250
+    assert world.pursuit.told(0.02) == f"done in {0.02 * world.pursuit.steps:.1f} s"
 
 
 def test_a_skill_that_fell_or_ran_out_of_time_is_told_not_done() -> None:
