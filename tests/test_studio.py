@@ -331,7 +331,7 @@ def test_other_bodies_are_seen_at_work(browser: Any, run: str, skill: str) -> No
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.set_default_timeout(120_000)
     page.goto(studio.address)
-    page.get_by_role("button", name=skill).click()
+    page.get_by_role("button", name=skill, exact=True).click()
     # The ant is up in 1.7 s, which a page that draws slowly may not show.
     page.get_by_text(re.compile(r"of (25|10)\.0 s|done in")).wait_for()
     until(lambda: studio.world.pursuit.steps > 60)
