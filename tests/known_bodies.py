@@ -1,4 +1,4 @@
-"""A body of which the exact number of steps between any two states is known."""
+"""Bodies that a test knows all about."""
 
 from typing import Any
 
@@ -34,5 +34,21 @@ class Chain(gymnasium.Env):
         return np.array([self._x]), 0.0, False, False, {}
 
 
-_entry: Any = Chain
-gymnasium.register("Chain-v0", _entry)
+class Marked(Chain):
+    """That place, and a number that each episode has of its own."""
+
+    observation_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float64)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        place, info = super().reset(seed=seed)
+        self._mark = self.np_random.uniform(-1, 1)
+        return np.array([*place, self._mark]), info
+
+    def step(self, action: Any):
+        place, *rest = super().step(action)
+        return np.array([*place, self._mark]), *rest
+
+
+_entries: dict[str, Any] = {"Chain-v0": Chain, "Marked-v0": Marked}
+for _name, _entry in _entries.items():
+    gymnasium.register(_name, _entry)

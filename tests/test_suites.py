@@ -11,7 +11,8 @@ import pytest
 from everystate.envs import BODIES, make
 from everystate.envs.ramp_pointmass import height, region, set_down
 from everystate.errors import EverystateError
-from everystate.evaluation import measure, metrics, suite_file, suites
+from everystate.evaluation import measure, metrics, on_the_spot, suite_file, suites
+from everystate.evaluation.references import DoNothing
 from everystate.evaluation.suite import Suite
 from everystate.presets import preset
 
@@ -28,7 +29,6 @@ def test_every_body_has_its_suites() -> None:
         *(("ramp-pointmass", "rest"), ("cartpole", "rest"), ("cartpole", "motion")),
         *(("ant", "rest"), ("ant", "motion")),
     ] == ALL
-    assert suites.names("gymnasium:Pendulum-v1") == ("visited",)
 
 
 @pytest.mark.parametrize(
@@ -76,8 +76,8 @@ def test_suites_keep_their_rules(body: str, name: str) -> None:
 class Replayed:
     """Plays the actions of the path that a task was cut from; then nothing."""
 
-    def __init__(self, suite: Suite) -> None:
-        self.config, self.step = preset("test", suite.body), 0
+    def __init__(self, suite: Suite, **config: Any) -> None:
+        self.config, self.step = preset("test", suite.body, **config), 0
         assert suite.actions is not None
         self.actions = suite.actions
 
@@ -90,9 +90,10 @@ class Replayed:
         return np.ones(len(observation))
 
 
-class Idle(Replayed):
-    def act(self, observation: Any, goal: Any, *, plan: bool = False, seed: int = 0) -> np.ndarray:
-        return np.zeros((len(observation), self.actions[0].shape[1]))
+def hits(suite: Suite, agent: Any, measure_by: str, eps: str) -> float:
+    """Share of tasks by the reading that the suite is told by."""
+    done = measure(agent, suite, plan=False)
+    return done["success"][measure_by]["all"][eps][suite.scored_by[1]]
 
 
 @pytest.mark.parametrize("split", SPLITS)
@@ -101,11 +102,9 @@ def test_every_goal_in_motion_is_hit_by_its_paths_own_actions_and_not_by_doing_n
     body: str, split: suites.Split
 ) -> None:
     suite = suites.load(body, "motion", split=split)
-    done = measure(Replayed(suite), suite, plan=False)
     for way in ("max", "rms"):
-        assert done["success"][way]["all"]["0.25"]["hit"] == 1.0
-    chief = suite.scored_by[0]
-    assert measure(Idle(suite), suite, plan=False)["success"][chief]["all"]["0.5"]["hit"] == 0.0
+        assert hits(suite, Replayed(suite), way, "0.25") == 1.0
+    assert hits(suite, DoNothing(preset("test", body)), suite.scored_by[0], "0.5") == 0.0
     assert set(suite.k) == {4, 8, 16, 32, 64}
     np.testing.assert_array_equal(suite.horizons, 2 * suite.k + 10)
 
@@ -114,15 +113,57 @@ def test_a_body_whose_options_change_its_state_has_a_suite_made_on_the_spot() ->
     slippery = suites.load("ant", options=("friction=0.5",))
     assert slippery.notes == suites.load("ant").notes
     travelling = suites.load("ant", options=("travel=true",))
-    assert travelling.name == "visited"
+    assert travelling.name == "rest"
     assert travelling.components[:2] == ("torso_x", "torso_y")
     assert set(travelling.position) | set(travelling.velocity) == set(travelling.components)
     assert len(travelling.velocity) == 14
 
 
+MARKED = "known_bodies:Marked-v0"
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[str, Suite]:
+    """The suites of a body that has none in the package."""
+    return {name: suites.load(MARKED, name) for name in ("rest", "motion")}
+
+
+def test_goals_made_on_the_spot_can_be_reached_and_are_not_for_free(made: dict[str, Suite]) -> None:
+    assert suites.names(MARKED) == ("rest", "motion")
+    for name, suite in made.items():
+        assert len(suite.goals) >= 20
+        assert hits(suite, DoNothing(preset("test", MARKED)), "max", "0.5") == 0.0, name
+    assert hits(made["motion"], Replayed(made["motion"]), "max", "0.25") == 1.0
+
+
+def test_suites_made_on_the_spot_differ_by_split_alone(made: dict[str, Suite]) -> None:
+    kept = made["motion"]
+    on_the_spot._made.cache_clear()
+    again, tune = (suites.load(MARKED, "motion", split=split) for split in SPLITS)
+    np.testing.assert_array_equal(again.goals, kept.goals)
+    assert not np.isin(tune.goals[:, 1], again.goals[:, 1]).any()
+    np.testing.assert_array_equal(tune.sigma, again.sigma)
+
+
+def test_no_goal_made_on_the_spot_asks_for_what_another_copy_is_made_of(
+    made: dict[str, Suite],
+) -> None:
+    for suite in made.values():
+        begun = suite.begin(make(MARKED, len(suite.goals), 0), 0)
+        np.testing.assert_allclose(begun[:, 1], suite.goals[:, 1])
+        assert len(np.unique(begun[:, 1])) > 5
+
+
+def test_a_body_says_which_suites_it_has_not() -> None:
+    with pytest.raises(EverystateError, match="no suite 'rest', as it never comes to rest"):
+        suites.load("gymnasium:Pendulum-v1", "rest")
+    with pytest.raises(EverystateError, match="needs a goal suite of its own"):
+        on_the_spot.suite("ramp-pointmass")
+
+
 def test_a_gymnasium_body_starts_where_its_suite_says() -> None:
-    suite = suites.load("gymnasium:Pendulum-v1")
-    env = make("gymnasium:Pendulum-v1", len(suite.goals), 3)
+    suite = suites.load(MARKED, "motion")
+    env = make(MARKED, len(suite.goals), 3)
     assert suite.starts is not None
     begun = suite.begin(env, 0)
     np.testing.assert_allclose(begun, [s["observation"] for s in suite.starts], rtol=1e-6)
@@ -131,7 +172,7 @@ def test_a_gymnasium_body_starts_where_its_suite_says() -> None:
         suite.begin(env, 0)
         ways.append([env.step(np.ones((len(begun), 1)))[0] for _ in range(5)])
     np.testing.assert_array_equal(ways[0], ways[1])
-    other = suites.load("gymnasium:Pendulum-v1", split="tune")
+    other = suites.load(MARKED, "motion", split="tune")
     assert not np.array_equal(other.goals, suite.goals)
 
 

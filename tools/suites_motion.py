@@ -16,6 +16,7 @@ from suites_rest import SEEDS, ant_sigma, cartpole_sigma, rounded
 
 from everystate.envs import BodyVectorEnv, Physics, make
 from everystate.evaluation import metrics
+from everystate.evaluation.playing import Play
 from everystate.evaluation.suite import Suite
 from everystate.evaluation.suites import Split
 from everystate.skills.ant_rules import jumps, up
@@ -164,20 +165,6 @@ def _alike(
     # The first of each kind come before the second of any.
     turn = np.array([(kinds[at[:i]] == kinds[at[i]]).sum() for i in range(len(at))], dtype=int)
     return np.sort(at[np.argsort(turn, kind="stable")[:count]])
-
-
-class Play:
-    """Random actions that keep to themselves for a while: each component a slow wave of noise."""
-
-    def __init__(self, rng: np.random.Generator, shape: tuple[int, int]) -> None:
-        self.rng = rng
-        self.memory = rng.uniform(0.3, 0.95, (shape[0], 1))
-        self.now = rng.normal(0, 1, shape)
-
-    def __call__(self) -> Float[np.ndarray, "envs action"]:
-        fresh = self.rng.normal(0, 1, self.now.shape)
-        self.now = self.memory * self.now + np.sqrt(1 - self.memory**2) * fresh
-        return self.now
 
 
 # --- Cartpole ---

@@ -21,9 +21,9 @@ from everystate.envs.ramp_pointmass import (
     set_down,
 )
 from everystate.evaluation import metrics
+from everystate.evaluation.playing import spread_out
 from everystate.evaluation.suite import Suite
 from everystate.evaluation.suites import Split
-from everystate.evaluation.visited import spread_out
 
 SEEDS: dict[Split, int] = {"report": 0, "tune": 1}
 _REFERENCE = 0

@@ -43,7 +43,7 @@ PATHS = ["runs/a", "/proc/none", "/dev/null", "../x", "a\x00b", "~", "é" * 300]
 OTHERS = [
     "true",
     "percentile",
-    "visited",
+    "motion",
     "quick",
     "--no-json",
     "--help",

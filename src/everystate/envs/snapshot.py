@@ -7,6 +7,7 @@ was enough depends on the environment: `GymnasiumVectorEnv` tries it out.
 """
 
 import base64
+import functools
 import types
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -67,9 +68,9 @@ def _walk(
         here = f"{path}/{name}"
         if isinstance(value, mujoco.MjData):
             if found := _physics_in(holder):
-                yield here, _read_physics(*found), _physics_writer(*found)
+                yield here, _read_physics(*found), functools.partial(_write_physics, *found)
         elif (coded := _encode(value)) is not None:
-            yield here, coded, _writer(holder, name, value)
+            yield here, coded, functools.partial(_write, holder, name, value)
         elif id(value) not in seen and here.count("/") < _DEPTH and not isinstance(value, _CLOSED):
             yield from _walk(value, here, seen)
 
@@ -119,24 +120,21 @@ def _plain(value: Any) -> bool:
     return isinstance(value, _PLAIN)
 
 
-def _writer(holder: Any, name: Any, present: Any) -> Callable[[Any], None]:
-    def write(coded: dict[str, Any]) -> None:
-        if "generator" in coded:
-            present.bit_generator.state = coded["generator"]
-            return
-        if "random_state" in coded:
-            present.set_state(tuple(coded["random_state"]))
-            return
-        value = _decode(coded)
-        alike = isinstance(present, np.ndarray) and isinstance(value, np.ndarray)
-        if alike and present.shape == value.shape and present.flags.writeable:
-            present[...] = value  # in place: it may be a view of something else
-        elif isinstance(holder, (dict, list)):
-            holder[name] = value
-        elif not isinstance(holder, tuple):
-            holder.__dict__[name] = value
-
-    return write
+def _write(holder: Any, name: Any, present: Any, coded: dict[str, Any]) -> None:
+    if "generator" in coded:
+        present.bit_generator.state = coded["generator"]
+        return
+    if "random_state" in coded:
+        present.set_state(tuple(coded["random_state"]))
+        return
+    value = _decode(coded)
+    alike = isinstance(present, np.ndarray) and isinstance(value, np.ndarray)
+    if alike and present.shape == value.shape and present.flags.writeable:
+        present[...] = value  # in place: it may be a view of something else
+    elif isinstance(holder, (dict, list)):
+        holder[name] = value
+    elif not isinstance(holder, tuple):
+        holder.__dict__[name] = value
 
 
 def _read_physics(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Any]:
@@ -145,11 +143,8 @@ def _read_physics(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Any]:
     return _encode(state)
 
 
-def _physics_writer(model: mujoco.MjModel, data: mujoco.MjData) -> Callable[[Any], None]:
-    def write(coded: dict[str, Any]) -> None:
-        state = _decode(coded)
-        mujoco.mj_setState(model, data, state, _PHYSICS)
-        mujoco.mj_forward(model, data)  # what follows from the state, which some steps begin with
-        mujoco.mj_setState(model, data, state, _PHYSICS)
-
-    return write
+def _write_physics(model: mujoco.MjModel, data: mujoco.MjData, coded: dict[str, Any]) -> None:
+    state = _decode(coded)
+    mujoco.mj_setState(model, data, state, _PHYSICS)
+    mujoco.mj_forward(model, data)  # what follows from the state, which some steps begin with
+    mujoco.mj_setState(model, data, state, _PHYSICS)

@@ -8,6 +8,7 @@ changes.
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -15,6 +16,9 @@ from jaxtyping import Bool, Float, Float32, Int
 from everystate.envs import BodyVectorEnv, Physics
 from everystate.errors import EverystateError, suggest
 from everystate.evaluation import metrics
+
+Split = Literal["tune", "report"]
+"""Suites of two seeds: one to look at while settings are chosen, one for what is published."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,30 +7,25 @@ seeds: `tune`, to look at while settings are chosen, and `report`.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 from everystate import envs
 from everystate.agent.json_files import read_json
 from everystate.errors import EverystateError, suggest
-from everystate.evaluation.suite import Suite
+from everystate.evaluation import on_the_spot
+from everystate.evaluation.suite import Split, Suite
 from everystate.evaluation.suite_file import from_json
 
 FOLDER = Path(__file__).with_name("suites")
-Split = Literal["tune", "report"]
 
 
 def names(body: str, options: Sequence[str] = ()) -> tuple[str, ...]:
-    """The suites of whole states of a body: those in the package, or one made on the spot."""
+    """The suites of whole states of a body: those in the package, or those made on the spot."""
     return tuple(name for name in every(body, options) if not name.startswith("parts"))
 
 
 def every(body: str, options: Sequence[str] = ()) -> tuple[str, ...]:
     """Its suites, those too that ask for parts of states."""
-    files = (FOLDER / body).glob("*-report.json")
-    found = tuple(sorted(path.stem.removesuffix("-report") for path in files))
-    if not found or (options and _state(body, options) != _state(body)):
-        return ("visited",)
-    return tuple(sorted(found, key=lambda name: name != "rest"))
+    return _shipped(body, options) or on_the_spot.names(body, tuple(options))
 
 
 def load(
@@ -44,15 +39,13 @@ def load(
     Raises:
         EverystateError: no such suite, or a file that is none, damaged, or of another body.
     """
-    known = every(body, options)
+    shipped = _shipped(body, options)
+    known = shipped or tuple(on_the_spot.MAKERS)
+    if not shipped and (suite is None or suite in known):
+        return on_the_spot.suite(body, tuple(options), split, suite and str(suite))
     suite = known[0] if suite is None else suite
-    if suite == "visited":
-        from everystate.evaluation.visited import on_the_spot
-
-        return on_the_spot(body, tuple(options), split)
-    shipped = suite in known
-    path = FOLDER / body / f"{suite}-{split}.json" if shipped else Path(suite)
-    if not shipped and path.suffix != ".json":
+    path = FOLDER / body / f"{suite}-{split}.json" if suite in known else Path(suite)
+    if suite not in known and path.suffix != ".json":
         raise EverystateError(
             f"{body} has no suite {str(suite)!r}: {suggest(str(suite), known)}, or the path of a"
             " file ending in .json"
@@ -68,6 +61,15 @@ def load(
     if found.body != body:
         raise EverystateError(f"{path} is a goal suite for {found.body!r}, not for {body!r}")
     return found
+
+
+def _shipped(body: str, options: Sequence[str]) -> tuple[str, ...]:
+    """Those in the package; none where the body's options make its state another."""
+    files = (FOLDER / body).glob("*-report.json")
+    found = sorted(path.stem.removesuffix("-report") for path in files)
+    if found and options and _state(body, options) != _state(body):
+        return ()
+    return tuple(sorted(found, key=lambda name: name != "rest"))
 
 
 def _state(body: str, options: Sequence[str] = ()) -> Sequence[str]:
