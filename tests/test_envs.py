@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import imageio.v3 as imageio
@@ -12,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 
 import everystate.envs
 from everystate.envs import BODIES, BodyVectorEnv, MujocoVectorEnv, describe, make
+from everystate.envs.gymnasium_vector import GymnasiumVectorEnv
 from everystate.envs.registered import SingleEnv
 from everystate.errors import EverystateError
 
@@ -225,6 +227,22 @@ def test_user_errors_name_the_value() -> None:
 @pytest.mark.filterwarnings("ignore:.*Box observation space .* value is -?infinity")
 def test_gymnasiums_own_checker_passes(body: str) -> None:
     check_env(SingleEnv(body), skip_render_check=True)
+
+
+def test_an_angle_that_winds_up_is_seen_as_cosine_and_sine() -> None:
+    env = make("gymnasium:Hopper-v5", 2, 0)
+    assert env.state_names[:4] == (
+        *("observation_0", "cos_observation_1", "sin_observation_1", "observation_2"),
+    )
+    assert "cos_observation_2" not in env.state_names  # a hinge with limits
+    assert isinstance(env, GymnasiumVectorEnv)
+    for single, turns in zip(env.envs, (0, 1), strict=True):
+        bodies: Any = single.unwrapped
+        bodies.set_state(np.array([0, 1.2, 0.3 + 2 * np.pi * turns, 0, 0, 0]), np.zeros(6))
+    states = env.step(np.zeros((2, 3)))[0]
+    np.testing.assert_allclose(states[0], states[1], atol=1e-5)
+    np.testing.assert_allclose(states[:, 1:3], [[np.cos(0.3), np.sin(0.3)]] * 2, atol=0.02)
+    assert env.single_observation_space.high[1] == 1.0
 
 
 def test_no_body_is_reset_in_10_000_steps(body: str) -> None:

@@ -94,7 +94,6 @@ def test_a_pendulum_stands_rests_where_it_is_told_and_passes_what_play_found(
     cosine, _, velocity = rollout(agent, env, begun, upright, 150, plan=False, seed=0)[-20:].T
     # Learned: 100 %. Random actions and no torque: 0 %.
     assert ((cosine > 0.98) & (np.abs(velocity) < 0.5)).all(axis=1).mean() >= 0.9
-    # Learned: ??. Random actions and no torque: 5 % at most, as the suite is made.
+    # Learned: 100 %. No torque: 0 %, as the suite is made; random actions: seldom.
     motion = evaluation.evaluate(agent)["suites"]["motion"]["policy"]["success"]["max"]
-    print(motion)
-    assert motion["all"]["0.5"]["hit"] >= 0.7
+    assert motion["all"]["0.5"]["hit"] >= 0.9

@@ -14,7 +14,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 from gymnasium.wrappers import TimeLimit
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from everystate.envs.rendering import headless
 from everystate.errors import EverystateError
@@ -142,7 +142,8 @@ class Flattening:
     """From an environment's observations to vectors, with the names of their components.
 
     Goal environments give their `observation`; other Dict observations all their parts, in the
-    order of the Dict space (Gymnasium's is alphabetical), each part row by row.
+    order of the Dict space (Gymnasium's is alphabetical), each part row by row. An angle that winds
+    up is given as its cosine and sine, so that a body turned round once is where it was.
     """
 
     def __init__(self, space: Space, body: str) -> None:
@@ -163,15 +164,34 @@ class Flattening:
         self.low = np.where(unbounded, -np.inf, self.low.astype(np.float64))
         self.high = np.where(unbounded, np.inf, self.high.astype(np.float64))
         self.names = tuple(f"{key}_{i}" for key, size in self._sizes.items() for i in range(size))
+        self._winds = np.zeros(self.size, dtype=bool)
+
+    def unwind(self, winds: Bool[np.ndarray, " numbers"]) -> None:
+        """From now on these numbers are angles that wind up."""
+        self._winds, twice = winds, np.where(winds, 2, 1)
+        self.low = np.repeat(np.where(winds, -1.0, self.low), twice)
+        self.high = np.repeat(np.where(winds, 1.0, self.high), twice)
+        named = zip(self.names, winds, strict=True)
+        pairs = ((f"cos_{n}", f"sin_{n}") if turns else (n,) for n, turns in named)
+        self.names = tuple(name for pair in pairs for name in pair)
+        self.size = len(self.names)
 
     def __call__(self, observation: Any) -> Float[np.ndarray, " state"]:
         """One observation as a vector."""
+        flat = self.numbers(observation)
+        if not self._winds.any():
+            return flat
+        pairs = np.stack([np.where(self._winds, np.cos(flat), flat), np.sin(flat)], axis=1)
+        return pairs[np.stack([np.ones_like(self._winds), self._winds], axis=1)]
+
+    def numbers(self, observation: Any) -> Float[np.ndarray, " numbers"]:
+        """All numbers of an observation, angles as they are."""
         parts = [observation] if self._keys is None else [observation[key] for key in self._keys]
         flat = np.concatenate([np.ravel(part) for part in parts]).astype(np.float64)
-        if flat.size != self.size:
+        if flat.size != (size := self._winds.size):
             raise EverystateError(
                 f"an observation of {self.body} has {flat.size} numbers, where its space says"
-                f" {self.size}: the shape must not change"
+                f" {size}: the shape must not change"
             )
         return flat
 

@@ -18,6 +18,8 @@ from everystate.envs.rendering import Along, headless
 from everystate.envs.vector import BodyVectorEnv, Physics
 from everystate.errors import EverystateError
 
+_TRIED = 10  # steps on which an angle must be what is observed
+
 
 class GymnasiumVectorEnv(BodyVectorEnv):
     """Any Gymnasium id with Box observations and actions, stepped one after the other.
@@ -53,6 +55,9 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         first = make_single(body, render_mode, **kwargs)
         self._flatten = Flattening(first.observation_space, body)
         self._scale = ActionScaling(first.action_space, body)
+        found = snapshot.physics(first)
+        if found is not None:
+            self._flatten.unwind(self._winds(first, *found))
         self._kwargs = kwargs
         self.name, self.source = body, "Gymnasium"
         self.state_names, self.state_units = self._flatten.names, ("1",) * self._flatten.size
@@ -62,7 +67,6 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         middle[bounded] = (low[bounded] + high[bounded]) / 2
         half[bounded] = (high[bounded] - low[bounded]) / 2 / np.sqrt(3)  # as if uniform
         self.nominal = (middle, half)
-        found = snapshot.physics(first)
         step = getattr(first.unwrapped, "dt", None)
         self.control_step = step * disturbance.action_repeat if isinstance(step, float) else None
         self._goes_on = ends == "ignore" or (ends == "auto" and found is not None)
@@ -177,6 +181,24 @@ class GymnasiumVectorEnv(BodyVectorEnv):
         """Closes every body."""
         for env in self.envs:
             env.close()
+
+    def _winds(
+        self, env: gymnasium.Env, model: mujoco.MjModel, data: mujoco.MjData
+    ) -> Bool[np.ndarray, " numbers"]:
+        """Which numbers of an observation are the angle of a hinge without limits: tried out."""
+        hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+        free = model.jnt_qposadr[hinges & (model.jnt_limited == 0)]
+        rng, seen, angles = np.random.default_rng(0), [], []
+        observation, _ = env.reset(seed=0)
+        for _ in range(_TRIED):
+            seen.append(self._flatten.numbers(observation))
+            angles.append(data.qpos[free].copy())
+            action = self._scale(rng.uniform(-1, 1, self._scale.size))
+            observation, _, ended, cut, _ = env.step(action)
+            if ended or cut:
+                observation, _ = env.reset()
+        alike = np.isclose(np.stack(seen)[:, :, None], np.stack(angles)[:, None], atol=1e-6)
+        return alike.all(axis=0).any(axis=-1) & (np.ptp(seen, axis=0) > 0)
 
     def _start(self, which: Bool[np.ndarray, " envs"]) -> None:
         seeds = self._rng().integers(2**31, size=self.num_envs).tolist()
