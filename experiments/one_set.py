@@ -1,8 +1,9 @@
 """How far one set of numbers carries: python experiments/one_set.py [--out RUNS].
 
-Makes the runs of `one-set.toml` in runs/one-set, in 4 to 25 minutes each on one core. Of every run
-that is over it writes results/one-set/NAME-SEED.json: suites and skills where the body has them;
-where it has none, whether it stands up and stays so. What is there already is left.
+Makes the runs of `one-set.toml` in runs/one-set, in 8 to 70 minutes each on one core. Of every run
+that is over it writes results/one-set/NAME-SEED.json: suites, beside random actions and doing
+nothing, and skills where the body has them; of arm and pendulum also whether it stands up and stays
+so. What is there already is left.
 """
 
 from pathlib import Path
@@ -15,7 +16,7 @@ from jaxtyping import Bool, Float
 import everystate
 from everystate import envs
 from everystate.agent.json_files import read_json
-from everystate.evaluation import raw
+from everystate.evaluation import raw, references
 from everystate.studies import Study
 from everystate.studies.runs import MEASURED, finished
 
@@ -72,11 +73,11 @@ def standing(run: Path, goal: tuple[float, ...]) -> dict[str, float]:
 def measured(folder: Path) -> dict[str, Any]:
     """All that is said of a run."""
     lines, config = seeds.lines_of(folder), read_json(folder / "config.json")
-    name = folder.parent.name
+    name, found = folder.parent.name, read_json(folder / MEASURED)
+    for suite, readings in references(found, everystate.load(folder / "run").config).items():
+        found["suites"][suite]["references"] = readings
     if name in UPRIGHT:
-        found: dict[str, Any] = {"stands": standing(folder / "run", UPRIGHT[name])}
-    else:
-        found = read_json(folder / MEASURED)
+        found["stands"] = standing(folder / "run", UPRIGHT[name])
     minutes = round(lines[-1]["time/elapsed_s"] / 60, 1)
     return {
         **found,

@@ -45,8 +45,8 @@ class Marked(Chain):
         return np.array([*place, self._mark]), info
 
     def step(self, action: Any):
-        place, *rest = super().step(action)
-        return np.array([*place, self._mark]), *rest
+        place, reward, ended, cut, info = super().step(action)
+        return np.array([*place, self._mark]), reward, ended, cut, info
 
 
 _entries: dict[str, Any] = {"Chain-v0": Chain, "Marked-v0": Marked}

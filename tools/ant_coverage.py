@@ -19,7 +19,7 @@ from everystate.envs import make
 from everystate.evaluation import rollout, suites
 from everystate.skills.ant_rules import up
 from everystate.training.collection import read_samples
-from everystate.viewing import plots
+from everystate.viewing import images, plots
 
 PANELS, WAYS, FRAMES, GOALS, STEPS = 4, 6, 5, 200, 100
 States = Float[np.ndarray, "n 29"]
@@ -84,7 +84,7 @@ def gallery(states: Float[np.ndarray, "ways steps 29"], goals: States) -> Figure
         for frame in env.render_states(way[at], goal, width=400, height=300)
     ]
     titles = [f"{step / 20:g} s" for step in at] * len(states)
-    return plots.filmstrip(frames, titles, columns=FRAMES)
+    return images.filmstrip(frames, titles, columns=FRAMES)
 
 
 def main() -> None:

@@ -7,11 +7,8 @@ from statistics import median
 from table_agents import percent
 from table_cells import NONE, RESULTS, Rows, Run, at, middle, read, table, values
 
-READINGS = {
-    "stands": ("stands", "policy"),
-    "at rest": ("suites", "rest", "policy", "score", "all"),
-    "in motion": ("suites", "motion", "policy", "score", "all"),
-}
+SUITES = {"at rest": "rest", "in motion": "motion"}
+OTHERS = {"random actions": "random", "doing nothing": "nothing"}
 
 
 @table
@@ -20,13 +17,16 @@ def one_set() -> Rows:
     found: dict[str, list[Run]] = defaultdict(list)
     for path in sorted((RESULTS / "one-set").glob("*.json")):
         found[re.sub(r"-\d+$", "", path.stem)].append(read(f"one-set/{path.name}"))
-    heads = ["body", "seeds", "minutes", *READINGS]
-    rows = [[*heads, "random, stands", "doing nothing, stands"]]
+    rows = [["body", "seeds", "minutes", *SUITES, "stands", *OTHERS]]
     for body, runs in found.items():
-        cells = [_range(values(runs, *names)) for names in READINGS.values()]
-        cells += [_range(values(runs, "stands", name)) for name in ("random", "nothing")]
-        minutes = middle(values(runs, "minutes"), times=1)
-        rows.append([body, f"{len(runs)}", minutes, *cells])
+        score = "score", "all"
+        cells = [_range(values(runs, "suites", x, "policy", *score)) for x in SUITES.values()]
+        cells.append(_range(values(runs, "stands", "policy")))
+        for other, short in OTHERS.items():
+            every = [("suites", x, "references", other, *score) for x in SUITES.values()]
+            shares = [values(runs, *names) for names in (*every, ("stands", short))]
+            cells.append(", ".join(_middle(some) for some in shares))
+        rows.append([body, f"{len(runs)}", middle(values(runs, "minutes"), times=1), *cells])
     return rows
 
 
@@ -51,10 +51,14 @@ def parts() -> Rows:
 _READINGS = "end", "hit"
 
 
+def _middle(shares: list[float]) -> str:
+    return f"{100 * median(shares):.0f}" if shares else NONE
+
+
 def _range(shares: list[float]) -> str:
     """The median, and the least and the most of several."""
-    if not shares:
-        return NONE
-    of_all = f"{100 * median(shares):.0f}"
+    of_all = _middle(shares)
+    if len(shares) < 2:
+        return of_all
     least, most = 100 * min(shares), 100 * max(shares)
-    return of_all if len(shares) == 1 else f"{of_all} ({least:.0f} to {most:.0f})"
+    return f"{of_all} ({least:.0f} to {most:.0f})"

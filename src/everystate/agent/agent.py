@@ -4,18 +4,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.spaces import Box
-from jaxtyping import Array, Bool, Float, Float32
+from jaxtyping import Array, Float, Float32
 from numpy.typing import ArrayLike
 
 from everystate import skills
 from everystate.agent import compiled, files, inputs, policy_file
 from everystate.agent.files import ActWith, BodyInfo
+from everystate.agent.outputs import Plan, Unit, returned
 from everystate.agent.performance import Performance
 from everystate.agent.steps import as_steps
 from everystate.config import Config
@@ -26,27 +27,6 @@ from everystate.learning.completion import Atlas
 from everystate.learning.components import asked
 from everystate.learning.models import Models, Scale
 from everystate.learning.planning import Planned, Planning
-
-
-class Unit(NamedTuple):
-    """What a component of the state is scaled by: (value - centre) / spread."""
-
-    centre: float
-    spread: float
-    """1 σ, by which goals are scored and distances shown."""
-
-
-class Plan(NamedTuple):
-    """What an agent means to do, and where it expects that to lead; in the units of the body."""
-
-    actions: Float32[np.ndarray, "*n horizon action"]
-    """In [-1, 1], one after the other."""
-    states: Float32[np.ndarray, "*n horizon+1 state"]
-    """By the learned dynamics without their noise; the first is that from which it plans."""
-    corrected: Bool[np.ndarray, "*n"]
-    """Whether the search found better than the policy, which otherwise acts alone."""
-    gain: Float32[np.ndarray, "*n"]
-    """By how many steps what it found seems better, be it sure enough of that or not."""
 
 
 @final
@@ -130,7 +110,7 @@ class Agent:
             actions = self._search(states, goals, planning, seed).actions[:, 0]
         else:
             actions = compiled.act(self.config, self.models, states, goals)
-        return _returned(actions, single)
+        return returned(actions, single)
 
     def complete(self, observation: ArrayLike, goal: Goal) -> Float32[np.ndarray, "*n state"]:
         """The whole state for which the agent makes at the moment, sent to a part of one.
@@ -173,7 +153,7 @@ class Agent:
             return self.act(observation, goal), None
         states, goals, single = self._pairs(observation, goal)
         actions = compiled.sample(self.config, self.models, states, goals, jax.random.key(seed))
-        return _returned(actions, single), None
+        return returned(actions, single), None
 
     def perform(self, skill: str, *, plan: bool = False, seed: int = 0) -> Performance:
         """Performs a named skill: call what is returned with each observation in turn.
@@ -193,7 +173,7 @@ class Agent:
     def value(self, observation: ArrayLike, goal: Goal) -> Float32[np.ndarray, "*n"]:
         """V(s, g): what the agent expects on its way, in steps, at most 0 (4.2) [D31]."""
         states, goals, single = self._pairs(observation, goal)
-        return _returned(compiled.values(self.config, self.models, states, goals), single)
+        return returned(compiled.values(self.config, self.models, states, goals), single)
 
     def steps_to_goal(self, observation: ArrayLike, goal: Goal) -> Float32[np.ndarray, "*n"]:
         """About how many control steps each state is from its goal: -V(s, g) (4.2) [D18], [D31].
@@ -202,7 +182,7 @@ class Agent:
         arrived at: from afar the true value is one step less than the distance.
         """
         states, goals, single = self._pairs(observation, goal)
-        return _returned(compiled.steps(self.config, self.models, states, goals), single)
+        return returned(compiled.steps(self.config, self.models, states, goals), single)
 
     def log_density(self, state: ArrayLike) -> Float32[np.ndarray, "*n"]:
         """log p_f(s): how much of its life the agent has lately spent around each state.
@@ -212,7 +192,7 @@ class Agent:
         states = inputs.checked("state", state, self.state_names)
         scaled = self.scale.scaled(jnp.atleast_2d(jnp.asarray(states)))
         scaled = compiled.log_density(self.models, scaled)
-        scaled = _returned(scaled, states.ndim == 1)
+        scaled = returned(scaled, states.ndim == 1)
         return np.asarray(scaled - np.log(np.asarray(self.scale.spread)).sum())
 
     def export(
@@ -272,8 +252,3 @@ class Agent:
             goals = compiled.completed(*known, *asked_for)
         here, there = self.scale.scaled(jnp.asarray(states)), self.scale.scaled(goals)
         return here, asked(self.models.dynamics.weights, here, there), single
-
-
-def _returned(values: Float[Array, "n *a"], single: bool) -> Float32[np.ndarray, "..."]:
-    """The user's own array, without the batch axis that a single state was given."""
-    return np.array(values[0] if single else values)

@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped, UInt8
 
 from everystate.envs.body import Body
+from everystate.envs.checks import require_finite
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.model_copy import model_hash
 from everystate.envs.rendering import Along, render_states
-from everystate.envs.vector import BodyVectorEnv, Physics, require_finite
+from everystate.envs.vector import BodyVectorEnv, Physics
 from everystate.errors import EverystateError
 
 # mjSTATE_INTEGRATION by name: all that decides the future of a simulation.

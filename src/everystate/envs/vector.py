@@ -1,11 +1,10 @@
 """Many copies of one body, stepped together and never reset unless asked: the part all share."""
 
 import functools
-import math
 import secrets
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -14,24 +13,14 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, Shaped, UInt8
 
+from everystate.envs.checks import checked_actions, checked_seed, require_finite
 from everystate.envs.disturbance import Disturbance
 from everystate.envs.rendering import Along
+from everystate.envs.scaling import Scaling, scaling_of
 from everystate.errors import EverystateError
-
-_TOLERANCE = 1e-6  # what rounding may carry an action beyond [-1, 1]
-
 
 Physics = dict[str, Any]
 """The state of one body as JSON can hold it: qpos and qvel, or a Gymnasium body's snapshot."""
-
-
-class Scaling(NamedTuple):
-    """What makes a body's states about of unit size: (state - centre) / spread."""
-
-    centre: Float32[np.ndarray, " state"]
-    spread: Float32[np.ndarray, " state"]
-    constant: Bool[np.ndarray, " state"]
-    """Components that never changed under random actions."""
 
 
 class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
@@ -185,7 +174,7 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
         dict[str, Any],
     ]:
         """One control step of every body, or `action_repeat` of them."""
-        actions = self._checked(actions)
+        actions = checked_actions(actions, self.action_space.shape)
         if sigma := self.disturbance.action_noise:
             noise = self._rng().normal(0.0, sigma, actions.shape)
             actions = np.clip(actions + noise, -1.0, 1.0)
@@ -222,31 +211,7 @@ class BodyVectorEnv(gymnasium.vector.VectorEnv, ABC):
     @functools.cached_property
     def scaling(self) -> Scaling:
         """Nominal where the body says so, else measured; the same at every call and seed."""
-        centre, spread = (np.array(x, dtype=np.float64) for x in self.nominal)
-        constant = np.zeros(centre.shape, dtype=bool)
-        if np.isnan([centre, spread]).any():
-            played = random_play(self._measurable(), steps=200)
-            deviation = played.std(axis=(0, 1))
-            constant = np.isnan(spread) & (deviation < 1e-6)
-            centre = np.where(np.isnan(centre), played.mean(axis=(0, 1)), centre)
-            spread = np.where(np.isnan(spread), np.where(constant, 1.0, deviation), spread)
-        return Scaling(centre.astype(np.float32), spread.astype(np.float32), constant)
-
-    def _checked(self, actions: Float[np.ndarray, "..."]) -> Float[np.ndarray, "envs action"]:
-        actions = np.asarray(actions, dtype=np.float64)
-        if actions.shape != self.action_space.shape:
-            raise EverystateError(
-                f"actions have shape {actions.shape}: expected {self.action_space.shape}"
-            )
-        largest = np.abs(actions).max()
-        if not largest <= 1.0 + _TOLERANCE:
-            bad = tuple(np.argwhere(~(np.abs(actions) <= 1.0 + _TOLERANCE))[0])
-            what = "lie in [-1, 1]: clip it" if math.isfinite(actions[bad]) else "be finite"
-            raise EverystateError(
-                f"action of environment {bad[0]} is {actions[bad]} in component {bad[1]}:"
-                f" it must {what}"
-            )
-        return np.clip(actions, -1.0, 1.0) if largest > 1.0 else actions
+        return scaling_of(self.nominal, lambda: random_play(self._measurable(), steps=200))
 
     def _sense(self) -> Float32[np.ndarray, "envs state"]:
         observations = self._observe()
@@ -278,20 +243,3 @@ def random_play(
     env.reset(seed=seed)
     size = (env.num_envs, *env.single_action_space.shape)
     return np.stack([env.step(rng.uniform(-1, 1, size))[0] for _ in range(steps)])
-
-
-def checked_seed(seed: int) -> int:
-    """The seed, if it is one."""
-    if not 0 <= seed < 2**64:
-        raise EverystateError(f"seed is {seed}: choose a whole number from 0 to 2^64 - 1")
-    return seed
-
-
-def require_finite(observations: Float[np.ndarray, "envs state"], names: Sequence[str]) -> None:
-    """Raises an error that names the first value that is not finite."""
-    if not np.isfinite(observations).all():
-        env, component = np.argwhere(~np.isfinite(observations))[0]
-        raise EverystateError(
-            f"observation of environment {env} is {observations[env, component]} in"
-            f" {names[component]}: it must be finite"
-        )

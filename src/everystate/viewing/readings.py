@@ -7,7 +7,7 @@ import viser
 from jaxtyping import UInt8
 from viser import uplot
 
-from everystate.viewing import plots
+from everystate.viewing import images, plots
 from everystate.viewing.pursuit import REACHED
 from everystate.viewing.world import REMEMBERED, World
 
@@ -78,7 +78,7 @@ class Readings:
 
     def _map_of(self) -> UInt8[np.ndarray, "pixels pixels 3"]:
         bounds: Any = self._world.env.single_observation_space
-        return plots.value_image(self._world.agent, bounds.low, bounds.high, self._world.goal)
+        return images.value_image(self._world.agent, bounds.low, bounds.high, self._world.goal)
 
 
 def _round(value: float) -> float:

@@ -16,7 +16,7 @@ from jaxtyping import UInt8
 from everystate.envs import BodyVectorEnv
 from everystate.envs.rendering import Along
 from everystate.errors import EverystateError, suggest
-from everystate.viewing import plots
+from everystate.viewing import images, plots
 from everystate.viewing.recording import Recording
 
 FORMATS = (".mp4", ".gif", ".png")
@@ -116,7 +116,7 @@ def filmstrip(
     frames = env.render_states(recording.states[at], recording.goals[at], width, height, along)
     step = env.control_step
     titles = [f"{t * step:.1f} s" if step else f"step {t}" for t in at]
-    return plots.filmstrip(list(frames), titles, columns=4)
+    return images.filmstrip(list(frames), titles, columns=4)
 
 
 def _frames(
@@ -124,7 +124,7 @@ def _frames(
 ) -> Iterator[UInt8[np.ndarray, "rows width 3"]]:
     """Pictures with the strip below them, a cursor at the moment shown."""
     curves = {"steps to go, -V": recording.steps_to_goal, "distance, σ": recording.distance}
-    strip, cursors = plots.strip(curves, width, max(80, height // 8 * 2))
+    strip, cursors = images.strip(curves, width, max(80, height // 8 * 2))
     steps = np.arange(len(recording.states))
     for start in range(0, len(steps), _CHUNK):
         part = slice(start, start + _CHUNK)
