@@ -333,16 +333,18 @@ def test_where_there_is_no_terminal_a_plain_line_says_how_far_it_is(
         count(1, 2000, 0.25)
     assert capsys.readouterr().err == ""  # not every step
     monkeypatch.setattr(progress, "PERIOD", -1.0)
-    clock = iter((100.0, 110.0, 400.0))
+    clock = iter((100.0, 110.0, 400.0, 401.0))
     monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
     with progress.working("measuring") as count:
         count(1, 2000, 0.25)
-        count(1500, 2000, 0.5)
+        count(1500, 2000, 0.75)
+        count(1900, 2000, 0.95)
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.splitlines() == [
-        "measuring, step 1 of 2,000, about 30 s left",
-        "measuring, step 1,500 of 2,000, about 5 min left",
+        "measuring, step 1 of 2,000",  # before it there was much else
+        "measuring, step 1,500 of 2,000, about 2 min left",
+        "measuring, step 1,900 of 2,000, about 21 s left",
     ]
 
 

@@ -22,7 +22,7 @@ def working(what: str) -> Iterator[Count]:
     says = progress.TextColumn
     columns = progress.SpinnerColumn(), says("{task.description}"), progress.BarColumn()
     left, spent = progress.TimeRemainingColumn(), progress.TimeElapsedColumn()
-    began = said = monotonic()
+    said, first = monotonic(), None  # the first step compiles, which tells nothing of the others
     with progress.Progress(
         *(*columns, says("left"), left, says("so far"), spent),
         console=console,
@@ -32,13 +32,16 @@ def working(what: str) -> Iterator[Count]:
         task = bar.add_task(what, total=None)
 
         def count(done: int, steps: int, share: float) -> None:
-            nonlocal said
+            nonlocal said, first
             text, now = f"{what}, step {done:,} of {steps:,}", monotonic()
             bar.update(task, total=1.0, completed=share, description=text)
             if not console.is_terminal and now - said > PERIOD:
                 said = now
-                left = (now - began) * (1 - share) / share
-                console.print(f"{text}, about {_lasting(left)} left", highlight=False)
+                if first and share > first[1]:
+                    left = (now - first[0]) * (1 - share) / (share - first[1])
+                    text += f", about {_lasting(left)} left"
+                console.print(text, highlight=False)
+            first = first or (now, share)
 
         yield count
 
