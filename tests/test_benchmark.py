@@ -338,7 +338,7 @@ def test_the_command_prints_and_writes_what_the_function_returns(
     [
         (lambda: gymnasium.make(MOTION, suite="rset"), "did you mean 'rest'"),
         (lambda: GoalVectorEnv(0, "cartpole", "rest"), "num_envs is 0"),
-        (lambda: GoalEnv("gymnasium:Pendulum-v1", "motion"), "body that MuJoCo moves"),
+        (lambda: GoalEnv("known_bodies:Marked-v0", "rest"), "body that MuJoCo moves"),
         (lambda: gymnasium.make(MOTION).reset(options={"task": 200}), "task is 200: .* 0 to 199"),
         (lambda: gymnasium.make(MOTION).reset(options={"task": 0.5}), "task is 0.5"),
         (lambda: gymnasium.make_vec(MOTION, 2).reset(options={"task": [1]}), "each of 2 bodies"),
