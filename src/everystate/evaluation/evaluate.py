@@ -61,7 +61,7 @@ def evaluate(
     if skills:
         skills_of(config.body)  # a body without any is better told now than after the goals
     if suite is None:
-        suite = suites.names(config.body, config.body_options)
+        suite = suites.names(config.body, config.body_options, split)
     wanted = [suite] if isinstance(suite, (str, Path)) else list(suite)
     loaded = [suites.load(config.body, one, config.body_options, split) for one in wanted]
     if episodes is not None:

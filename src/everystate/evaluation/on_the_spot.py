@@ -56,10 +56,14 @@ class _Tasks(NamedTuple):
         return _Tasks(starts, begun, goals, k, horizons, actions)
 
 
-def names(body: str, options: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Those of the suites that can be made, `rest` first; at least one."""
-    found = tuple(name for name in MAKERS if _made(body, options, "report", name))
-    return found or (suite(body, options).name,)
+def names(body: str, options: tuple[str, ...] = (), split: Split = "report") -> tuple[str, ...]:
+    """Those of the suites that can be made, `rest` first.
+
+    Raises:
+        EverystateError: none can; see `suite`.
+    """
+    found = tuple(name for name in MAKERS if _made(body, options, split, name))
+    return found or (suite(body, options, split).name,)
 
 
 def suite(

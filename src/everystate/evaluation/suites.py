@@ -18,14 +18,14 @@ from everystate.evaluation.suite_file import from_json
 FOLDER = Path(__file__).with_name("suites")
 
 
-def names(body: str, options: Sequence[str] = ()) -> tuple[str, ...]:
+def names(body: str, options: Sequence[str] = (), split: Split = "report") -> tuple[str, ...]:
     """The suites of whole states of a body: those in the package, or those made on the spot."""
-    return tuple(name for name in every(body, options) if not name.startswith("parts"))
+    return tuple(name for name in every(body, options, split) if not name.startswith("parts"))
 
 
-def every(body: str, options: Sequence[str] = ()) -> tuple[str, ...]:
+def every(body: str, options: Sequence[str] = (), split: Split = "report") -> tuple[str, ...]:
     """Its suites, those too that ask for parts of states."""
-    return _shipped(body, options) or on_the_spot.names(body, tuple(options))
+    return _shipped(body, options) or on_the_spot.names(body, tuple(options), split)
 
 
 def load(
