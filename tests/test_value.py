@@ -9,10 +9,9 @@ import numpy as np
 import optax
 import pytest
 
-from everystate.learning.losses import made_steps, value_loss
+from everystate.learning.losses import value_loss
 from everystate.learning.networks import Value, waves
 from everystate.learning.objectives import objectives
-from everystate.learning.replay import Transitions
 from everystate.learning.rewards import closeness, placing
 from everystate.learning.value import lowest, steps
 from everystate.presets import preset
@@ -183,16 +182,3 @@ def test_relative_errors_count_less_where_there_is_far_to_go():
     targets, aim = jnp.array([0.0, -39.0]), objectives(config)[0]
     loss = value_loss(config, aim, lambda s, g: s[0] - 2 * g[0], states, goals, targets)
     assert float(loss) == pytest.approx((1.0 / (1 + 0) + 81.0 / (1 + 39)) / 2)
-
-
-def test_a_step_that_was_made_counts_as_one_that_was_imagined():
-    """Of a body that stands before a wall, V hears that it stays where it is."""
-    config = preset("quick", discount=0.9, reward_shape="exponential", absorb=0.0)
-    here, goal = jnp.array([[0.2]]), jnp.array([[0.5]])
-    t = Transitions(here, jnp.zeros((1, 1)), here, goal)
-    near = float(jnp.exp(-jnp.sum((here - goal) ** 2) / 0.3**2))
-    hold, meets = objectives(config)
-    counted = made_steps(hold, lambda s: s, lambda s, g: jnp.array(-5.0), t, goal)
-    np.testing.assert_allclose(counted, [near - 1 + 0.9 * -5.0], rtol=1e-5)
-    counted = made_steps(meets, lambda s: s, lambda s, g: jnp.array(40.0), t, goal)
-    np.testing.assert_allclose(counted, [0.9], rtol=1e-5)  # it is to be met in the next step

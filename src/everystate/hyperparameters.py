@@ -76,8 +76,6 @@ class Returns:
     """V_targ is held below 0, and targets are within -(copies + 1) and 0 [D4]."""
     goal_value_weight: float = 1.0
     """Weight of V(g,g)^2 beside (V - v_targ)^2."""
-    made_weight: float = 0.0
-    """Weight of V's error at steps that bodies made on their way to goals [D46]."""
     relative_errors: bool = False
     """V's squared errors count per unit of 1 + |v_targ|: near a goal V must be exact [D29]."""
 

@@ -36,7 +36,6 @@ RANGES: dict[str, tuple[float, float]] = {
     "discount": (0, 1),
     "absorb": (0, 1),
     "goal_value_weight": (0, 1e3),
-    "made_weight": (0, 1e3),
     "num_bodies": (1, 100_000),
     "collectors": (0, 10_000),
     "steps_per_epoch": (1, 100_000),

@@ -24,7 +24,7 @@ from everystate.learning.conditional import Centred, Conditional, ConditionalFlo
 from everystate.learning.facing import LEAST
 from everystate.learning.models import Models, Scale
 from everystate.learning.networks import Network
-from everystate.learning.objectives import FIRST_LOGIT, HELD, HOLD, NEAR, PASS
+from everystate.learning.objectives import FIRST_LOGIT, HELD, HOLD, LOST, NEAR, PASS
 from everystate.portable import Policy
 
 
@@ -146,7 +146,7 @@ def _held(config: Config, models: Models, state: Traced, goal: Traced) -> Traced
     near = tape.do("Exp", apart * apart @ np.full((size, 1), -k)) >= NEAR
     hold, passing = models.values[HOLD], models.values[PASS]
     logit = _output(passing.network, _with_goal(state, goal, passing.both)) + FIRST_LOGIT
-    near = tape.do("Or", near, tape.do("GreaterOrEqual", math.log(NEAR / (1 - NEAR)), logit))
+    near = tape.do("Or", near, tape.do("GreaterOrEqual", math.log(LOST / (1 - LOST)), logit))
     goal = _inward(models, goal, goal)
     can = _output(hold.network, _with_goal(goal, goal, hold.both))
     return tape.do("And", near, can >= -HELD / (1 - config.discount))

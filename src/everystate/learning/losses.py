@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from everystate.config import Config
-from everystate.learning.components import asked, unit
+from everystate.learning.components import unit
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
 from everystate.learning.imagination import Way, climbed, imagined, way_of
@@ -18,7 +18,6 @@ from everystate.learning.networks import Value
 from everystate.learning.objectives import Objective
 from everystate.learning.policy import Improvement, Policy
 from everystate.learning.replay import Minibatch, Transitions
-from everystate.learning.rewards import Place, placing
 
 _STILL = 0.1
 """Of a change, in its sds: below this nothing counts for more in d's error [D37]."""
@@ -80,12 +79,6 @@ def gradients(
             towards = jnp.repeat(goals, counted.shape[1], axis=0)
             targets = counted.at[some, 0].set(improvement.value).reshape(-1)
         parts["V"] = value_loss(config, aim, new.values[number], where, towards, targets)
-        if config.made_weight:
-            t, place = minibatch.transitions, placing(config, models)
-            pursued = asked(models.dynamics.weights, t.observations, t.goals)
-            counted = made_steps(aim, place, target_values[number], t, pursued)
-            loss = value_loss(config, aim, new.values[number], t.observations, pursued, counted)
-            parts["V_made"] = config.made_weight * loss
         if config.hindsight:
             t = minibatch.transitions
             actions = noisy(t.actions, f"hindsight{aim.suffix}", sd=config.action_noise)
@@ -200,18 +193,6 @@ def values(
 ) -> Float[Array, " n"]:
     """V's outputs."""
     return jax.vmap(value)(states, goals)
-
-
-def made_steps(
-    aim: Objective, place: Place, target: Callable, t: Transitions, goals: Float[Array, "batch s"]
-) -> Float[Array, " batch"]:
-    """What V counts over steps that bodies made on their way to these goals [D46]."""
-
-    def counted(s: Array, s_next: Array, g: Array) -> Float[Array, ""]:
-        near = jnp.stack([aim.closeness(place(x), place(g)) for x in (s, s_next)])
-        return aim.counted(near, aim.read(target(s_next, g)))[0]
-
-    return jax.vmap(counted)(t.observations, t.next_observations, goals)
 
 
 def value_loss(

@@ -145,8 +145,9 @@ class Hit(NamedTuple):
 Objective = PaperSum | Hit
 HOLD, PASS = 0, 1
 """Which of the objectives is which, where there are both."""
-NEAR, HELD = 0.5, 0.05
-"""How close a goal is nearly met, and what share of all that can be lost holding it may cost."""
+NEAR, HELD, LOST = 0.5, 0.05, 0.15
+"""How close a goal is nearly met, what share of all that can be lost holding it may cost, and below
+which hit no way to it is known."""
 FIRST_LOGIT = -4.0
 """Of a hit, where the network says 0."""
 
@@ -174,8 +175,8 @@ def pursued(
 
     It is held, if it can be: if it costs little to be sent there from there. That is V(g, g) of the
     sum, which goes from 0, for nothing lost at any time, to -1 / (1 - gamma), for all of it. But
-    what holds knows no long ways. Where V of passing says that the goal will be nearly met, it is
-    passed until it is.
+    what holds knows no long ways. Where V of passing knows one, the goal is passed until it is
+    nearly met.
 
     Args:
         config: hyper-parameters.
@@ -187,8 +188,8 @@ def pursued(
         return jnp.zeros((), jnp.int32)
     place, aim = rewards.placing(config, models), objectives(config)[PASS]
     met = aim.closeness(place(state), place(goal)) >= NEAR
-    unmet = aim.read(models.values[PASS](state, goal)) < NEAR
-    held = (met | unmet) & holdable(config, models.values, goal)
+    lost = aim.read(models.values[PASS](state, goal)) < LOST
+    held = (met | lost) & holdable(config, models.values, goal)
     return jnp.where(held, jnp.int32(HOLD), jnp.int32(PASS))
 
 

@@ -45,8 +45,7 @@ class Replay(NamedTuple):
 
 def empty(config: Config, state_size: int, action_size: int) -> Replay:
     """A ring without items."""
-    pursued = config.pursued_share or config.made_weight
-    capacity, kept = config.capacity, state_size if pursued else 0
+    capacity, kept = config.capacity, state_size if config.pursued_share else 0
     sizes = state_size, action_size, state_size, kept
     transitions = Transitions(*(jnp.zeros((capacity, size)) for size in sizes))
     zero = jnp.zeros((), jnp.int32)

@@ -128,7 +128,7 @@ class HindsightAgent:
 
 
 class _Clock(BaseCallback):
-    """Stops when the time is over, and calls somebody now and then."""
+    """Stops when the time is over, and calls somebody now and then, whose time does not count."""
 
     def __init__(self, seconds: float, watch: Callable[[int, float], None], period: float) -> None:
         super().__init__()
@@ -141,5 +141,6 @@ class _Clock(BaseCallback):
         elapsed = time.perf_counter() - self._began
         if elapsed >= self._next:
             self._watch(self.num_timesteps, elapsed)
+            self._began = time.perf_counter() - elapsed
             self._next += self._period
         return elapsed < self._seconds

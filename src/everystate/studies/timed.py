@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from everystate.agent import load
 from everystate.agent.json_files import read_json
 from everystate.config import Config
 from everystate.errors import EverystateError
-from everystate.evaluation import raw
+from everystate.evaluation import raw, suites
 from everystate.evaluation.agents import Agent
 from everystate.evaluation.provenance import usable_cores
 from everystate.peers import acting
@@ -69,6 +69,8 @@ class Timed(NamedTuple):
         if finished(folder):
             return
         folder.mkdir(parents=True, exist_ok=True)
+        for split in get_args(suites.Split):  # what is made on the spot takes no agent's time
+            suites.every(self.terms.body, split=split)
         kept = folder / "acting"
         shutil.rmtree(kept, ignore_errors=True)  # of a run that was stopped while it was measured
         agent, lines = self._made(folder / "run", kept)
