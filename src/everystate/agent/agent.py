@@ -135,9 +135,8 @@ class Agent:
         """The few actions in a row of which `act` with `plan` returns the first, and their way."""
         states, goals, single = self._pairs(observation, goal)
         found = self._search(states, goals, planning or Planning(), seed)
-        way = np.asarray(compiled.ahead(self.models, states, found.actions))
-        way = way * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
-        every = Plan(np.asarray(found.actions), way, *(np.asarray(x) for x in found[1:]))
+        way = self.scale.unscaled(compiled.ahead(self.models, states, found.actions))
+        every = Plan(*map(np.asarray, (found.actions, way, *found[1:])))
         return Plan(*(x[0] for x in every)) if single else every
 
     def predict(
@@ -167,8 +166,7 @@ class Agent:
         if n < 1:
             raise EverystateError(f"n is {n}: propose at least one goal")
         keys = jax.random.split(jax.random.key(seed), n)
-        goals = np.asarray(compiled.propose(self.config.m, self.models, keys))
-        return goals * np.asarray(self.scale.spread) + np.asarray(self.scale.centre)
+        return np.array(self.scale.unscaled(compiled.propose(self.config.m, self.models, keys)))
 
     def value(self, observation: ArrayLike, goal: Goal) -> Float32[np.ndarray, "*n"]:
         """V(s, g): what the agent expects on its way, in steps, at most 0 (4.2) [D31]."""
@@ -191,9 +189,8 @@ class Agent:
         """
         states = inputs.checked("state", state, self.state_names)
         scaled = self.scale.scaled(jnp.atleast_2d(jnp.asarray(states)))
-        scaled = compiled.log_density(self.models, scaled)
-        scaled = returned(scaled, states.ndim == 1)
-        return np.asarray(scaled - np.log(np.asarray(self.scale.spread)).sum())
+        density = compiled.log_density(self.models, scaled) - jnp.log(self.scale.spread).sum()
+        return returned(density, states.ndim == 1)
 
     def export(
         self, path: str | Path, scores: Mapping[str, Any] | None = None, *, half: bool = False
@@ -221,8 +218,7 @@ class Agent:
         if policy_file.is_one(path):
             policy_file.require_nothing_else(path, scores, half)
             names = self.state_names, self.action_names
-            policy = as_steps(self.models, self.scale, self.config, *names)
-            return policy_file.write(path, policy)
+            return policy_file.write(path, as_steps(self.models, self.scale, self.config, *names))
         agent = self.models, self.scale, self.config, self.body, self.act_with, self.visited
         return files.export(path, *agent, scores, half)
 

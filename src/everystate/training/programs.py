@@ -17,7 +17,6 @@ from typing import Any
 import jax
 from jax import export
 
-import everystate
 from everystate.agent import config_to_json
 from everystate.agent.compile_cache import programs_folder
 from everystate.config import Config
@@ -84,7 +83,7 @@ def _traced(path: Path, function: Callable, arguments: tuple) -> export.Exported
 
 def _digest(name: str, config: Config, horizontal: Horizontal, arguments: tuple) -> str:
     """Of all that a traced program depends on."""
-    package = Path(everystate.__file__).parent
+    package = Path(__file__).parents[1]
     sources = [package / "algorithm.py", *sorted((package / "learning").glob("*.py"))]
     shapes = jax.tree.map(lambda x: (str(x.dtype), x.shape), arguments)
     depends = {
