@@ -9,6 +9,7 @@ from everystate.agent import config_from_json
 from everystate.agent.formats import (
     CUSPED,
     FORMAT,
+    HITLESS,
     STEEP,
     SWITCHED,
     brought_up,
@@ -16,6 +17,7 @@ from everystate.agent.formats import (
 )
 from everystate.errors import EverystateError
 from everystate.learning.networks import Network
+from everystate.learning.objectives import FIRST_LOGIT
 
 NAME = "values.0.network.mlp.layers.0.weight"
 
@@ -40,6 +42,18 @@ def test_an_agent_that_held_goals_by_a_cusp_alone_is_one_of_two_slopes() -> None
     cusped = {"reward_shape": "cusp", "seed": 3}
     assert config_of_today(cusped, CUSPED)["reward_shape"] == "two-slopes"
     assert config_of_today(cusped, FORMAT) == cusped
+
+
+def test_an_agent_without_hits_of_what_holds_passes_what_it_hits_by_a_half() -> None:
+    """As it did: its third V says 0.8 of that half, everywhere."""
+    layers = [f"network.mlp.layers.{i}.{x}" for i in (0, 10) for x in ("weight", "bias")]
+    old = {f"values.{i}.{name}": np.ones(3, np.float32) for i in (0, 1) for name in layers}
+    new = brought_up(old, HITLESS, 2, 3)
+    assert new.keys() - old.keys() == {f"values.2.{name}" for name in layers}
+    for name in layers:
+        says = np.log(0.4 / 0.6) - FIRST_LOGIT if name == layers[-1] else 0
+        np.testing.assert_allclose(new[f"values.2.{name}"], says, rtol=1e-6)
+    assert brought_up(old, FORMAT, 2, 3).keys() == old.keys()
 
 
 @pytest.mark.parametrize(

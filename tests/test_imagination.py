@@ -10,6 +10,7 @@ import pytest
 from flowjax.distributions import Normal
 
 from everystate.learning.imagination import climbed as climbed_by
+from everystate.learning.imagination import counted as counted_by
 from everystate.learning.imagination import imagined, way_of
 from everystate.learning.objectives import Hit, objectives
 from small import of_paper
@@ -44,8 +45,15 @@ def way(config, acts, models=None, floor=NO_FLOOR, towards=value, pairs=2, aim=N
     return aim, way_of(config, models or world(), acts, towards, aim, pairs)
 
 
-def counted(config, gain, states=STATES, goals=GOALS):
+def ways(config, gain, states=STATES, goals=GOALS):
     return imagined(config, *way(config, policy(gain)), states, goals, key=jax.random.key(0))
+
+
+def counted(config, gain, states=STATES, goals=GOALS):
+    """Where V learns, and what it is there."""
+    aim = objectives(config, NO_FLOOR)[0]
+    along = ways(config, gain, states, goals).states
+    return counted_by(config, world(), value, aim, along, goals)
 
 
 def climbed(config, gain, **world_and_floor):
@@ -70,24 +78,35 @@ def by_hand(config, gain, steps, absorb):
 @pytest.mark.parametrize("steps", [1, 4])
 def test_the_return_is_the_rewards_on_the_way_and_the_value_at_its_end(steps):
     config = configured(imagined_steps=steps, absorb=0.5)
-    found = counted(config, 0.8)
-    mean, summed = found.counted[:, 0].mean(), by_hand(config, 0.8, steps, absorb=0)
+    where, found = counted(config, 0.8)
+    mean, summed = found[:, 0].mean(), by_hand(config, 0.8, steps, absorb=0)
     np.testing.assert_allclose(mean, by_hand(config, 0.8, steps, absorb=0.5), rtol=1e-4)
     np.testing.assert_allclose(climbed(config, 0.8), summed, rtol=1e-4)
-    np.testing.assert_array_equal(found.states, STATES[:, None])
+    np.testing.assert_array_equal(where, STATES[:, None])
 
 
 def test_the_value_learns_at_states_on_the_way_too():
     """At every second one, of what is counted from there on [D42]."""
     asked = {"imagined_steps": 5, "absorb": 0.5}
-    whole = counted(configured(**asked, value_stride=1), 0.8)
-    found = counted(configured(**asked, value_stride=2), 0.8)
-    assert whole.states.shape == (2, 5, 2)
-    np.testing.assert_array_equal(found.states, whole.states[:, ::2])
-    np.testing.assert_array_equal(found.counted, whole.counted[:, ::2])
+    everywhere, whole = counted(configured(**asked, value_stride=1), 0.8)
+    where, found = counted(configured(**asked, value_stride=2), 0.8)
+    assert everywhere.shape == (2, 5, 2)
+    np.testing.assert_array_equal(where, everywhere[:, ::2])
+    np.testing.assert_array_equal(found, whole[:, ::2])
     later = configured(imagined_steps=3, absorb=0.5)
-    anew = counted(later, 0.8, states=whole.states[:, 2])
-    np.testing.assert_allclose(found.counted[:, 1], anew.counted[:, 0], rtol=1e-5)
+    _, anew = counted(later, 0.8, states=everywhere[:, 2])
+    np.testing.assert_allclose(found[:, 1], anew[:, 0], rtol=1e-5)
+
+
+def test_hits_are_counted_on_the_ways_of_what_holds():
+    """gamma^t h_t at the best of their steps, or what comes after them, whichever is more."""
+    config = configured(imagined_steps=6)
+    along, hit = ways(config, 0.8).states, Hit(config)
+    for last, after in ((-50.0, 0.0), (50.0, 0.9**6)):
+        _, found = counted_by(config, world(), lambda s, g, x=last: jnp.array(x), hit, along, GOALS)
+        near = np.exp(-config.k * ((np.array(along) - np.array(GOALS)[:, None]) ** 2).sum(axis=-1))
+        best = (near * 0.9 ** np.arange(7)).max(axis=1)
+        np.testing.assert_allclose(found[:, 0], np.maximum(best, after), rtol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -109,9 +128,8 @@ def test_of_many_ways_the_worst_is_climbed(how, rank):
 
 def test_whoever_holds_climbs_any_way():
     config = configured(imagined_steps=4, N=9)
-    found = counted(config, 0.8)
     np.testing.assert_array_equal(
-        found.worst, jax.random.normal(jax.random.key(0), (2, 1, 4, 2))[:, 0]
+        ways(config, 0.8).worst, jax.random.normal(jax.random.key(0), (2, 1, 4, 2))[:, 0]
     )
 
 

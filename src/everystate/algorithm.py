@@ -150,7 +150,7 @@ def update_once(
             pairs.goals[: config.improved_pairs],
             key=named(key, f"improve{aim.suffix}"),
         )
-        for aim, policy, target in zip(aims, models.policies, state.target_values, strict=True)
+        for aim, policy, target in zip(aims, models.policies, state.target_values, strict=False)
     ]
 
     # A step of f, d, pi, c and V, and more of d.

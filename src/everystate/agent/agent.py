@@ -97,7 +97,7 @@ class Agent:
         """The action, in [-1, 1], that leads from each state towards its goal.
 
         Where there is a policy to pass goals and one to hold them, a goal that can be held is held
-        from where it is nearly met, and where no way to pass it is known [D31].
+        from where it is nearly met, and where to pass it first would be no sooner [D31].
 
         Without `plan` it is the policy's most central one (z = 0). With it, a short search through
         the learned dynamics and value (4.2, 4.3) corrects that where it is sure to do better:

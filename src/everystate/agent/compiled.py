@@ -138,8 +138,8 @@ def steps(
     config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
 ) -> Float[Array, " n"]:
     """Steps to the goals, by the V that knows them best: that of passing, where there is one."""
-    aim = objectives(config)[-1]
-    return aim.steps(jax.vmap(aim.read)(jax.vmap(models.values[-1])(states, goals)))
+    *_, (aim, V) = zip(objectives(config), models.values, strict=False)
+    return aim.steps(jax.vmap(aim.read)(jax.vmap(V)(states, goals)))
 
 
 @eqx.filter_jit

@@ -1,13 +1,17 @@
 """Formats of exported agents, and what makes of an older one one of today's."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from everystate.errors import EverystateError
+from everystate.learning.objectives import FIRST_LOGIT
 
-FORMAT = 9
+FORMAT = 10
+HITLESS = 9
+"""The format of agents that know hits of what passes alone."""
 SWITCHED = 8
 """The format of agents that may have learned by settings that are gone."""
 CUSPED = 7
@@ -22,7 +26,7 @@ SINGLE = 3
 """The format before that, with one policy and one V, whose components all count."""
 UNCHECKED = 2
 """The format before checksums and models: read with a warning."""
-READ = FORMAT, SWITCHED, CUSPED, UNTURNED, UNVISITED, STEEP, SINGLE
+READ = FORMAT, HITLESS, SWITCHED, CUSPED, UNTURNED, UNVISITED, STEEP, SINGLE
 
 
 _GONE: Mapping[str, object] = {
@@ -84,7 +88,22 @@ def brought_up(
         arrays["dynamics.weights"] = np.ones(state_size, np.float32)
     if found <= STEEP:
         arrays = {name: _of_steep(name, x, octaves) for name, x in arrays.items()}
+    if found <= HITLESS and any(name.startswith("values.1.") for name in arrays):
+        arrays = {**arrays, **_half_a_hit(arrays)}
     return dict(arrays)
+
+
+def _half_a_hit(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """A V of hits that says 0.4 of all: where V of passing said less than 0.5, it was held."""
+    like = {name: x for name, x in arrays.items() if name.startswith("values.1.")}
+    flat = {name.replace(".1.", ".2.", 1): np.zeros_like(x) for name, x in like.items()}
+    last = max((name for name in flat if name.endswith(".bias")), key=_layer)
+    flat[last][:] = math.log(0.4 / 0.6) - FIRST_LOGIT
+    return flat
+
+
+def _layer(name: str) -> int:
+    return int(name.split(".")[-2])
 
 
 def _renamed(name: str) -> str:

@@ -24,7 +24,7 @@ from everystate.learning.conditional import Centred, Conditional, ConditionalFlo
 from everystate.learning.facing import LEAST
 from everystate.learning.models import Models, Scale
 from everystate.learning.networks import Network
-from everystate.learning.objectives import FIRST_LOGIT, HELD, HOLD, LOST, NEAR, PASS
+from everystate.learning.objectives import AS_SOON, FIRST_LOGIT, HELD, HITS, HOLD, NEAR, PASS
 from everystate.portable import Policy
 
 
@@ -144,12 +144,13 @@ def _held(config: Config, models: Models, state: Traced, goal: Traced) -> Traced
     apart = _placed(config, models, state) - _placed(config, models, goal)
     k = 1 / (size * config.kernel_width**2) if config.kernel_width else config.k
     near = tape.do("Exp", apart * apart @ np.full((size, 1), -k)) >= NEAR
-    hold, passing = models.values[HOLD], models.values[PASS]
-    logit = _output(passing.network, _with_goal(state, goal, passing.both)) + FIRST_LOGIT
-    near = tape.do("Or", near, tape.do("GreaterOrEqual", math.log(LOST / (1 - LOST)), logit))
+    seen = _with_goal(state, goal, config.both_goals)
+    logits = (_output(models.values[i].network, seen) + FIRST_LOGIT for i in (PASS, HITS))
+    passed, hit = (1 / (1 + tape.do("Exp", -1 * logit)) for logit in logits)
+    holds = tape.do("Or", near, tape.do("GreaterOrEqual", hit, AS_SOON * passed))
     goal = _inward(models, goal, goal)
-    can = _output(hold.network, _with_goal(goal, goal, hold.both))
-    return tape.do("And", near, can >= -HELD / (1 - config.discount))
+    can = _output(models.values[HOLD].network, _with_goal(goal, goal, config.both_goals))
+    return tape.do("And", holds, can >= -HELD / (1 - config.discount))
 
 
 def _placed(config: Config, models: Models, state: Traced) -> Traced:

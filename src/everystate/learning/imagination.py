@@ -43,10 +43,8 @@ class Imagined(NamedTuple):
 
     worst: Float[Array, "batch steps s"]
     """z of the outcomes on the worst of them, which is the one to make better (eq. 3)."""
-    states: Float[Array, "batch n s"]
-    """Where V learns, on one way: s, and every `value_stride`-th state from there [D42]."""
-    counted: Float[Array, "batch n"]
-    """What V is there: reaching ends the count as V has it [D10]."""
+    states: Float[Array, "batch states s"]
+    """Of one way, that on which V learns."""
 
 
 Way = Callable[
@@ -102,14 +100,33 @@ def imagined(
     def of_one(state: Array, goal: Array, latents: Float[Array, "ways steps s"]) -> Imagined:
         ways, near, last = jax.vmap(lambda z: way(state, goal, z))(latents)
         returns = jax.vmap(aim.climbed)(near, last)
-        counted = aim.counted(near[0], last[0])
-        return Imagined(latents[worst(config, returns)], ways[0, :-1:stride], counted[::stride])
+        return Imagined(latents[worst(config, returns)], ways[0])
 
     pairs, size = states.shape
-    stride = config.value_stride or config.imagined_steps
     count = config.N if aim.cautious else 1
     latents = jax.random.normal(key, (pairs, count, config.imagined_steps, size))
     return jax.vmap(of_one)(states, goals, latents)
+
+
+def counted(
+    config: Config,
+    models: Any,
+    target_value: Callable,
+    aim: Objective,
+    states: Float[Array, "batch states s"],
+    goals: Float[Array, "batch s"],
+) -> tuple[Float[Array, "batch n s"], Float[Array, "batch n"]]:
+    """Where V learns on these ways, and what it is there: reaching ends the count as it has it.
+
+    At s, and at every `value_stride`-th state from there [D42].
+    """
+
+    def of_one(way: Float[Array, "states s"], goal: Float[Array, " s"]) -> Float[Array, " n"]:
+        near = nearness(config, models, aim, way, goal)
+        return aim.counted(near, aim.read(target_value(way[-1], goal)))[::stride]
+
+    stride = config.value_stride or config.imagined_steps
+    return states[:, :-1:stride], jax.vmap(of_one)(states, goals)
 
 
 def climbed(

@@ -11,11 +11,11 @@ from everystate.config import Config
 from everystate.learning.components import unit
 from everystate.learning.curriculum import curriculum_weights
 from everystate.learning.dynamics import Dynamics
-from everystate.learning.imagination import Way, climbed, imagined, way_of
+from everystate.learning.imagination import Way, climbed, counted, imagined, way_of
 from everystate.learning.keys import named
 from everystate.learning.models import Models, trainable
 from everystate.learning.networks import Value
-from everystate.learning.objectives import Objective
+from everystate.learning.objectives import Objective, readings
 from everystate.learning.policy import Improvement, Policy
 from everystate.learning.replay import Minibatch, Transitions
 
@@ -49,7 +49,7 @@ def gradients(
         minibatch: from the replay buffers.
         starts: s_i, some replaced by the curriculum.
         improvements: a_best and v_targ for the first of the (s_i, g_i), or for all; by objective.
-        target_values: V_targ(s, g), by objective.
+        target_values: V_targ(s, g), of each V.
         aims: the objectives.
         key: for the noise floors [D3], and for what is imagined [D25].
     """
@@ -60,30 +60,40 @@ def gradients(
 
     def way(policy: Policy, number: int) -> Way:
         """How it goes by the d that imagines."""
-        by_d, target = models._replace(dynamics=imagines), target_values[number]
-        return way_of(config, by_d, policy.central, target, aims[number], len(starts))
+        return way_of(
+            config, by_d, policy.central, target_values[number], aims[number], len(starts)
+        )
 
     def of_objective(new: Models, number: int) -> dict[str, Float[Array, ""]]:
-        """What pi and V of one objective are trained on."""
+        """What pi of one objective is trained on."""
         aim, improvement, policy = aims[number], improvements[number], new.policies[number]
         actions = noisy(improvement.action, f"pi{aim.suffix}", sd=config.action_noise)
         parts = {"pi": policy_loss(policy, starts[some], goals[some], actions)}
-        where, towards, targets = starts, goals, improvement.value
         if ways:
-            latents, along, counted = ways[number]
+            latents, _ = ways[number]
             returns = climbed(aim, way(policy, number), starts, goals, latents)
             better = better_loss(policy, starts[some], goals[some], improvement)
             parts["imagined"] = -config.imagined_weight * returns.mean()
             parts["better"] = config.imagined_weight * better / len(starts)
-            where = along.reshape(-1, starts.shape[1])
-            towards = jnp.repeat(goals, counted.shape[1], axis=0)
-            targets = counted.at[some, 0].set(improvement.value).reshape(-1)
-        parts["V"] = value_loss(config, aim, new.values[number], where, towards, targets)
         if config.hindsight:
             t = minibatch.transitions
             actions = noisy(t.actions, f"hindsight{aim.suffix}", sd=config.action_noise)
             parts["hindsight"] = policy_loss(policy, t.observations, t.next_observations, actions)
         return {f"{name}{aim.suffix}": loss for name, loss in parts.items()}
+
+    def of_reading(new: Models, number: int) -> Float[Array, ""]:
+        """What one V is trained on."""
+        aim, value, along, towards = told[number].aim, new.values[number], starts, goals
+        if ways:
+            known = config, by_d, target_values[number], aim
+            along, targets = counted(*known, ways[told[number].of].states, goals)
+            if number < len(aims):
+                targets = targets.at[some, 0].set(improvements[number].value)
+            towards = jnp.repeat(goals, targets.shape[1], axis=0)
+            along, targets = along.reshape(towards.shape), targets.reshape(-1)
+        else:
+            targets = improvements[number].value
+        return value_loss(config, aim, value, along, towards, targets)
 
     def total(new: Models) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
         new = eqx.combine(new, models)
@@ -96,8 +106,10 @@ def gradients(
         }
         for number in range(len(aims)):
             parts |= of_objective(new, number)
+        parts |= {f"V{one.suffix}": of_reading(new, i) for i, one in enumerate(told)}
         return jnp.stack(list(parts.values())).sum(), parts
 
+    told, by_d = readings(aims), models._replace(dynamics=imagines)
     ways = [
         imagined(
             config,

@@ -18,14 +18,14 @@ from everystate.learning.facing import Horizontal, alike
 from everystate.learning.flows import state_flow
 from everystate.learning.keys import named
 from everystate.learning.networks import Value
-from everystate.learning.objectives import objectives
+from everystate.learning.objectives import objectives, readings
 from everystate.learning.policy import Policy
 
 
 class Models(NamedTuple):
     """f(s), d(s'|s,a), pi(a|s,g), c(s|g) and V(s,g), all in scaled units.
 
-    pi and V are as many as the run has objectives.
+    pi are as many as the run has objectives, V as many as it has `readings`.
     """
 
     state_flow: AbstractTransformed
@@ -121,10 +121,10 @@ def new_models(
                 state_size,
                 both=both,
                 horizontal=horizontal,
-                key=named(key, f"V{aim.suffix}"),
+                key=named(key, f"V{reading.suffix}"),
                 **network,
             )
-            for aim in aims
+            for reading in readings(aims)
         ),
     )
 

@@ -145,9 +145,11 @@ class Hit(NamedTuple):
 Objective = PaperSum | Hit
 HOLD, PASS = 0, 1
 """Which of the objectives is which, where there are both."""
-NEAR, HELD, LOST = 0.5, 0.05, 0.15
-"""How close a goal is nearly met, what share of all that can be lost holding it may cost, and below
-which hit no way to it is known."""
+HITS = 2
+"""The V, beside those of the objectives, of the hit that the policy which holds comes to."""
+NEAR, HELD, AS_SOON = 0.5, 0.05, 0.8
+"""How close a goal is nearly met, what share of all that can be lost holding it may cost, and what
+share of a hit is no less than all of it, as V of hits can be no better than that."""
 FIRST_LOGIT = -4.0
 """Of a hit, where the network says 0."""
 
@@ -160,12 +162,28 @@ def objectives(
     return (held, Hit(config)) if config.objective == "hold-and-pass" else (held,)
 
 
+class Reading(NamedTuple):
+    """What a V tells of a policy."""
+
+    of: int
+    """Which of the policies; there is one for each objective."""
+    aim: Objective
+    suffix: str
+    """Of the names of its loss and random key."""
+
+
+def readings(aims: Sequence[Objective]) -> tuple[Reading, ...]:
+    """Of each V: that of each objective tells of its policy, another the hits of what holds."""
+    own = tuple(Reading(number, aim, aim.suffix) for number, aim in enumerate(aims))
+    return own if len(own) == 1 else (*own, Reading(HOLD, aims[PASS], "_hits"))
+
+
 def worths(
     config: Returns, values: Sequence[Callable], state: Float[Array, " s"], goal: Float[Array, " s"]
 ) -> Float[Array, " objectives"]:
     """What the V of each objective says of (s, g), in steps."""
-    every = zip(objectives(config), values, strict=True)
-    return jnp.stack([aim.worth(aim.read(V(state, goal))) for aim, V in every])
+    every = enumerate(objectives(config))
+    return jnp.stack([aim.worth(aim.read(values[i](state, goal))) for i, aim in every])
 
 
 def pursued(
@@ -174,9 +192,9 @@ def pursued(
     """By which of its objectives an agent goes for a goal: to pass, until it can be held.
 
     It is held, if it can be: if it costs little to be sent there from there. That is V(g, g) of the
-    sum, which goes from 0, for nothing lost at any time, to -1 / (1 - gamma), for all of it. But
-    what holds knows no long ways. Where V of passing knows one, the goal is passed until it is
-    nearly met.
+    sum, which goes from 0, for nothing lost at any time, to -1 / (1 - gamma), for all of it. Until
+    it is nearly met, what passes goes for it where it will hit it better or sooner: what holds
+    knows no long ways, and what passes has no slope to follow where it knows no way at all.
 
     Args:
         config: hyper-parameters.
@@ -188,8 +206,8 @@ def pursued(
         return jnp.zeros((), jnp.int32)
     place, aim = rewards.placing(config, models), objectives(config)[PASS]
     met = aim.closeness(place(state), place(goal)) >= NEAR
-    lost = aim.read(models.values[PASS](state, goal)) < LOST
-    held = (met | lost) & holdable(config, models.values, goal)
+    passed, hit = (aim.read(models.values[i](state, goal)) for i in (PASS, HITS))
+    held = (met | (hit >= AS_SOON * passed)) & holdable(config, models.values, goal)
     return jnp.where(held, jnp.int32(HOLD), jnp.int32(PASS))
 
 

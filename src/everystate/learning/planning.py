@@ -89,7 +89,7 @@ def plan(
         states = way(corrections, noise)
         every = [
             aim.ahead(nearness(config, models, aim, states, goal), aim.read(V(states[-1], goal)))
-            for aim, V in zip(aims, models.values, strict=True)
+            for aim, V in zip(aims, models.values, strict=False)
         ]
         return jnp.stack(every)[by]
 

@@ -26,7 +26,7 @@ from everystate.config import Config
 from everystate.errors import EverystateError
 from everystate.presets import PRESETS, preset
 
-FORMAT = 9
+FORMAT = 10
 _LOCK = ".lock"
 _PACKAGES = ("everystate", "jax", "jaxlib", "equinox", "flowjax", "optax", "mujoco", "numpy")
 
