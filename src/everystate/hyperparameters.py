@@ -169,6 +169,9 @@ class Collection:
     """Share of the episodes in which a body acts at random from where its last one ended [D22]."""
     wander_steps: int = 4
     """Steps for which such a body keeps to an action."""
+    interval: int = 1
+    """Control steps between states that are learned from, for which an action is kept meanwhile;
+    0: measured, and from then on as many as the body's pace asks for [D47]."""
     central_share: float = 0.0
     """Share of the bodies that act by the centre of pi, z = 0, for an epoch [D24]."""
 

@@ -43,6 +43,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "patience": (1, 100_000),
     "wander_share": (0, 1),
     "wander_steps": (1, 1_000_000),
+    "interval": (0, 1_000),
     "central_share": (0, 1),
     "max_episode_steps": (1, 1_000_000),
     "num_updates": (1, 1_000_000),

@@ -59,12 +59,13 @@ def plan(
     goals: Float[Array, "n s"],
     key: PRNGKeyArray,
 ) -> Planned:
-    """What a search decides for each."""
-    return jax.lax.map(
+    """What a search decides for each, its gain in control steps."""
+    found = jax.lax.map(
         lambda x: search(config, planning, models, x[0], x[1], key=x[2]),
         (states, goals, jax.random.split(key, len(states))),
         batch_size=_even(len(states)),
     )
+    return found._replace(gain=found.gain * config.interval)
 
 
 @eqx.filter_jit
@@ -124,11 +125,11 @@ def completed(
 def values(
     config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
 ) -> Float[Array, " n"]:
-    """V, in steps, of the objectives by which the goals are pursued."""
+    """V, in control steps, of the objectives by which the goals are pursued."""
 
     def value(state: Float[Array, " s"], goal: Float[Array, " s"]) -> Float[Array, ""]:
         every = worths(config, models.values, state, goal)
-        return every[pursued(config, models, state, goal)]
+        return every[pursued(config, models, state, goal)] * config.interval
 
     return jax.vmap(value)(states, goals)
 
@@ -137,9 +138,9 @@ def values(
 def steps(
     config: Config, models: Models, states: Float[Array, "n s"], goals: Float[Array, "n s"]
 ) -> Float[Array, " n"]:
-    """Steps to the goals, by the V that knows them best: that of passing, where there is one."""
+    """Control steps to the goals, by the V that knows them best: of passing, if there is one."""
     *_, (aim, V) = zip(objectives(config), models.values, strict=False)
-    return aim.steps(jax.vmap(aim.read)(jax.vmap(V)(states, goals)))
+    return aim.steps(jax.vmap(aim.read)(jax.vmap(V)(states, goals))) * config.interval
 
 
 @eqx.filter_jit

@@ -18,7 +18,7 @@ class Plan(NamedTuple):
     """What an agent means to do, and where it expects that to lead; in the units of the body."""
 
     actions: Float32[np.ndarray, "*n horizon action"]
-    """In [-1, 1], one after the other."""
+    """In [-1, 1], one after the other, each for as many control steps as the agent's interval."""
     states: Float32[np.ndarray, "*n horizon+1 state"]
     """By the learned dynamics without their noise; the first is that from which it plans."""
     corrected: Bool[np.ndarray, "*n"]

@@ -44,8 +44,9 @@ class Block(NamedTuple):
 
 
 def make_bodies(config: Config, count: int) -> BodyVectorEnv:
-    """So many bodies of a run."""
+    """So many bodies of a run, a step of which is its `interval`."""
     options = envs.parse_options(config.body_options)
+    options["action_repeat"] = options.get("action_repeat", 1) * max(config.interval, 1)
     return envs.make(config.body, count, config.seed, **options)
 
 

@@ -73,8 +73,8 @@ def world_metrics(
     fell = env.falls(steps.observations, steps.next_observations)
     count = config.warmup_steps + snapshot.epoch * config.steps_per_epoch
     metrics = {
-        "steps": count * config.num_bodies,
-        "env/falls_per_1000": 1000 * float(fell.mean()),
+        "steps": count * config.num_bodies * config.interval,
+        "env/falls_per_1000": 1000 * float(fell.mean()) / config.interval,
     }
     if snapshot.visited.size:
         metrics["coverage/cells"] = float(snapshot.visited.mean())

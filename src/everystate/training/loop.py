@@ -32,6 +32,7 @@ from everystate.training.collection import (
     world_metrics,
 )
 from everystate.training.groups import Crew, Groups, InProcess, size_of
+from everystate.training.interval import with_interval
 from everystate.training.learner import Learner, compiled
 from everystate.training.logging import Log, OnEpoch, shown
 from everystate.training.rundir import default_run_dir, open_run, preset_name
@@ -103,6 +104,7 @@ def _lead(config: Config, path: Path, crew: Crew | None, make_log: Callable[...,
     """Trains, and returns whether Ctrl-C was pressed."""
     # With a crew, only to know what they are like: theirs may be robots.
     count = 1 if crew else size_of(config)
+    config = with_interval(config, path)
     env = _bodies(config, count, path)
     with written(), open_run(path, config, info(config, env)) as folder:
         own = with_own_copy(config, env, folder)
