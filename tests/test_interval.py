@@ -47,6 +47,7 @@ def test_units_and_what_is_told_twice_or_never_changes_say_nothing() -> None:
     more = [1e3 * states[..., :1] + 7, *[states[..., 1:]] * 5, np.full_like(states[..., :1], 3.0)]
     assert fitting(np.concatenate(more, axis=-1), NEVER) == fitting(states, NEVER) > 1
     assert fitting(np.ones((2001, 4, 1)), NEVER) == 1
+    assert fitting(np.full((2001, 4, 1), np.nan), NEVER) == 1
 
 
 def test_where_a_body_is_put_elsewhere_nothing_moved() -> None:
@@ -75,12 +76,13 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("model")
-def test_a_run_measures_keeps_and_tells_in_control_steps() -> None:
+def test_a_run_measures_keeps_and_tells_in_control_steps(capsys: pytest.CaptureFixture) -> None:
     options = ("frame_skip=1",)
     config = slow(epochs=2, body_options=options)
-    run = everystate.train(config, run_dir="run", progress=False)
+    run = everystate.train(config, run_dir="run", progress="plain")
     interval = json.loads((run / "config.json").read_text())["config"]["interval"]
     assert interval > 1
+    assert f"learning over {interval} control steps at a time" in capsys.readouterr().out
     assert interval == with_interval(config, Path("elsewhere")).interval
     lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     of_epoch = config.num_bodies * config.steps_per_epoch * interval

@@ -15,7 +15,7 @@ from everystate.training.bodies import make_bodies
 SLOW, QUICK = 1 / 12, 1 / 2
 """Shares of a component's spread. Within an interval each has to change by the one if it can, and
 none may change by more than the other."""
-_BODIES, _STEPS, _LONGEST = 20, 400, 100
+_BODIES, _STEPS, _LONGEST = 20, 400, 20
 
 
 def with_interval(config: Config, run: Path) -> Config:
@@ -59,12 +59,12 @@ def fitting(
     """
     spread = states.std(axis=(0, 1))
     moves = np.ptp(states, axis=0).max(axis=0) > 1e-6
-    for steps in range(1, _LONGEST):
-        within = (states[steps:] - states[:-steps])[..., moves] / spread[moves]
-        ends = np.cumsum(np.concatenate([np.zeros_like(ended[:1], int), ended]), axis=0)
-        whole = ends[steps:] == ends[:-steps]
-        changes = np.sqrt(np.mean(within[whole] ** 2, axis=0))
-        if not changes.size or changes.max() > QUICK:
+    lives = np.concatenate([np.zeros_like(ended[:1], int), np.cumsum(ended, axis=0)])
+    for steps in range(1, _LONGEST + 1):
+        change = (states[steps:] - states[:-steps])[..., moves] / spread[moves]
+        whole = lives[steps:] == lives[:-steps]
+        changes = np.sqrt(np.mean(change[whole] ** 2, axis=0))
+        if not (changes.size and changes.max() <= QUICK):  # of what is not a number neither
             return max(1, steps - 1)
         if changes.min() >= SLOW:
             return steps

@@ -149,6 +149,8 @@ def _run(
     start = time.perf_counter() - log.elapsed_before
     if snapshot is None:
         log.say(f"training in {folder}")
+        if config.interval > 1:
+            log.say(f"learning over {config.interval} control steps at a time, as the body is slow")
         log.say(COMPILING)
         snapshot = warm_up(config, env, groups)
         if snapshot is None:
