@@ -82,18 +82,17 @@ def gradients(
         return {f"{name}{aim.suffix}": loss for name, loss in parts.items()}
 
     def of_reading(new: Models, number: int) -> Float[Array, ""]:
-        """What one V is trained on."""
-        aim, value, along, towards = told[number].aim, new.values[number], starts, goals
-        if ways:
-            known = config, by_d, target_values[number], aim
-            along, targets = counted(*known, ways[told[number].of].states, goals)
-            if number < len(aims):
-                targets = targets.at[some, 0].set(improvements[number].value)
-            towards = jnp.repeat(goals, targets.shape[1], axis=0)
-            along, targets = along.reshape(towards.shape), targets.reshape(-1)
-        else:
-            targets = improvements[number].value
-        return value_loss(config, aim, value, along, towards, targets)
+        """What one V is trained on: at s, or all along a way from there [D42]."""
+        (of, aim, _), value = told[number], new.values[number]
+        if not ways:
+            return value_loss(config, aim, value, starts, goals, improvements[number].value)
+        known = config, by_d, target_values[number], aim
+        along, targets = counted(*known, ways[of].states, goals)
+        if number < len(aims):
+            targets = targets.at[some, 0].set(improvements[number].value)
+        towards = jnp.repeat(goals, targets.shape[1], axis=0)
+        along = along.reshape(towards.shape)
+        return value_loss(config, aim, value, along, towards, targets.reshape(-1))
 
     def total(new: Models) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
         new = eqx.combine(new, models)

@@ -148,8 +148,8 @@ HOLD, PASS = 0, 1
 HITS = 2
 """The V, beside those of the objectives, of the hit that the policy which holds comes to."""
 NEAR, HELD, AS_SOON = 0.5, 0.05, 0.8
-"""How close a goal is nearly met, what share of all that can be lost holding it may cost, and what
-share of a hit is no less than all of it, as V of hits can be no better than that."""
+"""How close a goal is nearly met, what share of all that can be lost holding it may cost, and with
+what share of the hit of passing it is as good to hold, as that V promises too much."""
 FIRST_LOGIT = -4.0
 """Of a hit, where the network says 0."""
 
