@@ -105,6 +105,25 @@ def test_a_critic_tells_steps(name: str) -> None:
     assert evaluation.evaluate(agent, plan=False, episodes=5)["config"]["agent"] == name
 
 
+def test_looks_at_a_peer_take_none_of_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    from everystate.peers import hindsight
+
+    now, looked, steps = [0.0], [], 0
+
+    def look(_: int, elapsed: float) -> None:
+        looked.append(elapsed)
+        now[0] += 100
+
+    monkeypatch.setattr(hindsight.time, "perf_counter", lambda: now[0])
+    clock = hindsight._Clock(3.0, look, 1.0)
+    clock._on_training_start()
+    while clock._on_step():
+        now[0] += 0.25
+        steps += 1
+    assert looked == [0, 1, 2, 3]
+    assert steps == 12
+
+
 def test_a_peer_is_trained_and_compared(tmp_path: Path) -> None:
     terms = Terms("ramp-pointmass", minutes=0.3, preset="test", episodes=20, plan=False)
     agents = compare(terms, ["sac-her", "sac-her-no-reset"], 1, tmp_path / "out")["conditions"]
