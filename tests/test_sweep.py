@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,11 @@ def test_results_of_another_config_are_not_taken_for_these(tmp_path: Path) -> No
     changed = read(write(tmp_path, (SMALL + CONDITIONS).replace("epochs = 2", "epochs = 4")))
     with pytest.raises(EverystateError, match="epochs 2 there, 4 here"):
         studies.sweep(changed, tmp_path)
-    runs.require_same(training(run).config, tmp_path / run.name)
+    config = training(run).config
+    runs.require_same(config, tmp_path / run.name)
+    runs.require_same(replace(config, interval=0), tmp_path / run.name)  # it has what was measured
+    with pytest.raises(EverystateError, match="interval 1 there, 3 here"):
+        runs.require_same(replace(config, interval=3), tmp_path / run.name)
 
 
 def kept_study(folder: Path) -> Study:

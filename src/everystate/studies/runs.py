@@ -95,6 +95,8 @@ def require_same(config: Config, folder: Path) -> None:
         raise EverystateError(f"{folder} is damaged ({error}): move it away") from error
     wanted, unsaid = (_written(config) for config in (config, Config()))
     there = {name: found.get(name, unsaid[name]) for name in wanted}  # older ones lack newer fields
+    if not config.interval:
+        there["interval"] = 0  # what was measured is there
     differing = [f"{n} {there[n]} there, {x} here" for n, x in wanted.items() if there[n] != x]
     if differing:
         raise EverystateError(
