@@ -3,10 +3,13 @@
 import importlib
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from everystate.presets import preset
 
 TOOLS = Path(__file__).parents[1] / "tools"
 
@@ -48,3 +51,11 @@ def test_cells_have_the_median_and_its_interval(cells: Any) -> None:
     assert cells.middle([]) == cells.NONE
     assert cells.interval([0.5, 0.5, 0.5]) == "50 [50, 50]"
     assert cells.values([{"a": {"b": 1.0}}, {"a": None}], "a", "b") == [1.0]
+
+
+def test_every_departure_has_a_row(cells: Any) -> None:
+    departures = importlib.import_module("table_departures")
+    configs = [asdict(preset(name)) for name in departures._PRESETS]
+    differing = {name for name in configs[0] if len({repr(c[name]) for c in configs}) > 1}
+    told = [name for names in departures._DEPARTURES.values() for name in names]
+    assert sorted(told) == sorted(differing)

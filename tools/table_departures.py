@@ -42,6 +42,7 @@ _DEPARTURES: dict[str, tuple[str, ...]] = {
     "[D42]": ("value_stride",),
     "[D43]": ("steps_per_epoch",),
     "[D44]": ("any_heading",),
+    "[D47]": ("interval",),
     "sizes": ("batch_size", "width", "depth", "state_layers", "curriculum_layers"),
     "the run": ("not_finite",),
 }
