@@ -17,11 +17,13 @@ from waiting import until
 
 TESTS = Path(__file__).parent
 DRIVER = """
+import signal
 import sys
 from pathlib import Path
 from everystate.studies import Run, run_all
 from everystate.studies.runs import finished
 from tasks import Counting
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background of a script
 out = Path(sys.argv[1])
 runs = [Run(f"all/seed{i}", Counting(20, str(out / "gate"))) for i in range(2)]
 left = [[run] for run in runs if not finished(out / run.name)]
