@@ -35,12 +35,16 @@ def main(
     parser.add_argument("--workers", type=int, help="runs at a time; by default one per core")
     parser.add_argument("--ray-address", help="a Ray cluster to make them on")
     parser.add_argument("--out", type=Path, default=out or RESULTS / name)
+    parser.add_argument("--only", nargs="+", metavar="CONDITION/seedN", help="only these runs")
     parser.add_argument("--summary-only", action="store_true", help="train nothing")
     options = parser.parse_args()
     study, folder = studies.read(ROOT / "experiments" / f"{name}.toml"), options.out
     problems: list[str] = []
     if not options.summary_only:
-        left = [[run] for run in study.runs() if not finished(folder / run.name)]
+        runs = [run for run in study.runs() if not options.only or run.name in options.only]
+        if unknown := set(options.only or ()) - {run.name for run in runs}:
+            parser.error(f"no such runs: {', '.join(sorted(unknown))}")
+        left = [[run] for run in runs if not finished(folder / run.name)]
         how = {"workers": options.workers, "address": options.ray_address}
         problems = studies.run_all(left, folder, **how)
     then(study, folder)
